@@ -22,6 +22,8 @@ mod interrupted;
 mod mistakes;
 #[path = "cli/points.rs"]
 mod points;
+#[path = "cli/pose.rs"]
+mod pose;
 #[path = "cli/setting_up.rs"]
 mod setting_up;
 #[path = "cli/usage.rs"]

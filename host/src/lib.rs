@@ -42,6 +42,7 @@
 //! | [`paper`] | the tables of the paper |
 //! | [`report`] | pages with tables and figures |
 //! | [`run_report`] | the page of a run or of a recording |
+//! | [`pose_study`] | error of rotation and displacement over the Cramér-Rao bound |
 //! | [`accuracy_study`] | a study for developers: error and refusals under many conditions |
 //!
 //! Units are in the names: `_mm`, `_px`, `_us`, `_s`. The feature `camera`, off by default, adds
@@ -54,6 +55,7 @@ pub mod accuracy_study;
 pub mod budget;
 pub mod calendar;
 pub mod paper;
+pub mod pose_study;
 pub mod report;
 pub mod run_report;
 pub mod scenario;

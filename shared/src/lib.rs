@@ -28,8 +28,9 @@
 //! accumulates them in floating point and sends them as integers.
 //!
 //! [`estimate`] computes the target's displacement from flow sums, with three estimators: midpoint
-//! (the default, with sigma), and the paper's closed form and least squares. `sums` and `estimate`
-//! need no other module but [`rig`] and [`fixed`]: see the example `displacement`.
+//! (the default, with sigma), and the paper's closed form and least squares. A fourth, for the host
+//! alone, computes displacement and rotation from the points themselves. `sums` and `estimate` need
+//! no other module but [`rig`] and [`fixed`]: see the example `displacement`.
 //!
 //! [`frame`] is the wire protocol: messages, their encoding, and a receiver for any chunking.
 //!
@@ -89,6 +90,8 @@
 //! | flow | displacement of a correspondence in an image |
 //! | flow sums | sums over correspondences that the estimators need |
 //! | displacement | the target's motion since the keyframe, in the camera frame, mm or nm |
+//! | pose | displacement and rotation of a rigid target since the keyframe ([`estimate::pose`]) |
+//! | pivot | the point of the target whose displacement is stated; matters if the target turns |
 //! | sigma | stated standard deviation of a displacement, per axis |
 //! | variance inflation factor | factor on the variance for correlated errors of neighbouring points; the field [`overlap`](sums::centred::CentredSums::overlap) is older |
 //! | active cameras | cameras that take part in an estimate |

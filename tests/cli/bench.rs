@@ -101,6 +101,7 @@ fn unusable_input_is_refused() {
     for misused in [
         &["bench"][..],
         &["bench", "flow"],
+        &["bench", "pose", "--trials", "0"],
         &[
             "bench", "flow", "views", "--rig", "rig.toml", "--repeat", "0",
         ],
@@ -142,4 +143,22 @@ fn folder_beyond_memory_is_refused() {
         1,
         &["views", "8 frame sets", "1024 MB", "7 frame sets or fewer"],
     );
+}
+
+#[test]
+fn pose_table_repeats_and_ends_with_ranges() {
+    let desk = super::Desk::new();
+    let bench = || run(desk.folder.path(), &["bench", "pose", "--trials", "50"]);
+    let outcome = bench();
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    assert_eq!(outcome.stdout, bench().stdout);
+    for part in [
+        "poster",
+        "relief",
+        "wide",
+        "Kabsch: displacement",
+        "times the bound",
+    ] {
+        assert!(outcome.stdout.contains(part), "{}", outcome.stdout);
+    }
 }

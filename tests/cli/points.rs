@@ -132,10 +132,15 @@ fn json_line_has_documented_keys() {
         "\"points\":5,",
         "\"rejected\":0,",
         "\"method\":\"midpoint\"",
+        "\"rotation_deg\":[",
+        "\"rotation_sigma_deg\":[",
+        "\"pivot_mm\":[",
     ] {
         assert!(outcome.stdout.contains(part), "{}", outcome.stdout);
     }
-    assert_eq!(outcome.json()[0].as_object().map(|o| o.len()), Some(7));
+    assert_eq!(outcome.json()[0].as_object().map(|o| o.len()), Some(10));
+    let alone = Desk::new().estimate(&["--json", "--rotation", "refuse"]);
+    assert_eq!(alone.json()[0].as_object().map(|o| o.len()), Some(7));
 }
 
 #[test]

@@ -87,6 +87,7 @@ fn manual_has_page_per_command() {
         "trinocular-jog.1",
         "trinocular-track.1",
         "trinocular-bench-flow.1",
+        "trinocular-bench-pose.1",
         "trinocular-bench-robustness.1",
     ] {
         let text = std::fs::read_to_string(folder.path().join("pages/man1").join(page));

@@ -18,7 +18,7 @@ use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 use trinocular_vision::images::{FrameSet, Image};
 use trinocular_vision::stage_timings::{StageTimings, with_fresh_keyframe, with_kept_keyframe};
 
-/// Time the image processing of this program
+/// Time the image processing of this program and measure its accuracy
 #[derive(Debug, Args)]
 pub struct BenchOptions {
     #[command(subcommand)]
@@ -28,6 +28,7 @@ pub struct BenchOptions {
 #[derive(Debug, Subcommand)]
 enum What {
     Flow(FlowOptions),
+    Pose(super::bench_pose::PoseBenchOptions),
     Robustness(super::robustness::RobustnessOptions),
 }
 
@@ -97,6 +98,7 @@ Examples:
 pub fn run(options: &BenchOptions, out: &mut impl Write) -> Result<(), Failure> {
     match &options.what {
         What::Flow(options) => run_flow(options, out),
+        What::Pose(options) => super::bench_pose::run(options, out),
         What::Robustness(options) => super::robustness::run(options, out),
     }
 }

@@ -1,19 +1,23 @@
 //! `trinocular estimate`: displacements from a points CSV or from a folder of frame sets.
 
+mod pose;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::frames::{RecordingInput, Rigged, rig_missing};
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
+use pose::{PoseOptions, Turn};
 use serde::Serialize;
 use trinocular_core::estimate::Refusal;
+use trinocular_core::rig::Rig;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::mistake::explain_keyframe;
-use trinocular_vision::flow::{Flow, FlowSettings};
+use trinocular_vision::flow::{CameraRefusal, Flow, FlowSettings, remarks as camera_remarks};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 use trinocular_vision::points;
@@ -22,7 +26,8 @@ use trinocular_vision::sums::Sums;
 /// Estimate the target's displacement from matched points or from images
 ///
 /// Prints one line per displacement: x, y, z in mm, the standard deviation of each in mm where the
-/// method gives it, and the numbers of points used and rejected.
+/// method gives it, and the numbers of points used and rejected. If the target has turned by more
+/// than noise, a second line states its rotation vector in degrees about x, y and z.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct EstimateOptions {
@@ -51,9 +56,12 @@ pub struct EstimateOptions {
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
 
-    /// Method from points to the displacement
-    #[arg(long, value_enum, default_value_t = Method::Midpoint)]
-    method: Method,
+    /// Method from points to the displacement [default: midpoint]
+    #[arg(long, value_enum)]
+    method: Option<Method>,
+
+    #[command(flatten)]
+    pose: PoseOptions,
 
     /// Frame set that each displacement of a folder is relative to; the first gives none
     ///
@@ -76,6 +84,9 @@ Print one JSON object per displacement and line:
 \"rejected\":0,\"method\":\"midpoint\"}
 
 `sigma_mm`, the standard deviation per axis, is null for closed-form and least-squares. \
+If the rotation is estimated, `rotation_deg` (rotation vector about x, y and z), \
+`rotation_sigma_deg` and `pivot_mm` are there, too; `displacement_mm` is the pivot's. They are null \
+if the points do not determine the rotation. \
 `warnings`, a list of sentences, is there only if a camera was left out or rows of a CSV do not \
 fit the others. A frame without an \
 estimate gives {\"frame\":1,\"refused\":\"reason\"}, and the exit code is 1 after the rest has \
@@ -84,6 +95,7 @@ been printed.";
 const EXAMPLES: &str = "\
 Examples:
   trinocular estimate points.csv --rig rig.toml
+  trinocular estimate points.csv --rig rig.toml --pivot -12.5,8,850 --json
   trinocular estimate points.csv --rig rig.toml --method closed-form --json
   trinocular estimate captures/ --rig rig.toml --reference previous
   trinocular estimate run.mcap
@@ -104,6 +116,15 @@ enum Method {
 }
 
 impl Method {
+    /// Returns the name as on the command line.
+    const fn name(self) -> &'static str {
+        match self {
+            Self::ClosedForm => "closed-form",
+            Self::LeastSquares => "least-squares",
+            Self::Midpoint => "midpoint",
+        }
+    }
+
     /// Reads the rig; refuses one that does not suit the method.
     fn read_rig(self, path: &Path) -> Result<RigFile, InputError> {
         let rig = match self {
@@ -140,6 +161,8 @@ struct Displacement {
     frame: usize,
     displacement_mm: [f64; 3],
     sigma_mm: Option<[f64; 3]>,
+    #[serde(flatten)]
+    turn: Option<Turn>,
     points: usize,
     rejected: usize,
     method: Method,
@@ -159,20 +182,24 @@ const MOST_DOUBTS: usize = 20;
 
 /// Runs the command.
 pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failure> {
-    let read = |path: &PathBuf| options.method.read_rig(path);
+    let method = options.method.unwrap_or(Method::Midpoint);
+    let is_points = !is_recording(&options.input) && !options.input.is_dir();
+    options.pose.check(options.method, is_points)?;
+    let read = |path: &PathBuf| method.read_rig(path);
     let rig = options.rig.as_ref().map(read).transpose()?;
-    let mut printer = Printer {
+    let printer = Printer {
         options,
+        method,
         out,
         frames: 0,
         refused: 0,
-        is_points: false,
+        is_points,
         warnings: Vec::new(),
         absent: Vec::new(),
     };
     if is_recording(&options.input) {
         let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;
-        options.method.check(&options.input, &rig)?;
+        method.check(&options.input, &rig)?;
         return run_captures(options, &rig, frames.frame_sets(), printer);
     }
     let Some(rig) = rig else {
@@ -181,7 +208,6 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
     if options.input.is_dir() {
         run_folder(options, &rig, printer)
     } else {
-        printer.is_points = true;
         run_points(options, &rig, printer)
     }
 }
@@ -201,8 +227,18 @@ fn run_points<W: Write>(
             .warnings
             .push(format!("{more} more rows do not fit the others"));
     }
-    let sums = Sums::new(&rig.rig, &points.correspondences);
-    printer.sums(sums, points.correspondences.len(), points.rejected)?;
+    let correspondences = &points.correspondences;
+    let method = printer.method;
+    let alone = || {
+        let sums = Sums::new(&rig.rig, correspondences);
+        let solution = sums.and_then(|sums| estimate(method, &sums));
+        solution.map_err(|refusal| refusal.to_string())
+    };
+    let is_doubtful = !points.doubts.is_empty();
+    let seen = (&rig.rig, correspondences.as_slice());
+    let warnings = &mut printer.warnings;
+    let solution = (options.pose).solve(options.method, seen, is_doubtful, warnings, alone);
+    printer.solution(solution, correspondences.len(), points.rejected)?;
     printer.finish()
 }
 
@@ -262,21 +298,17 @@ fn run_captures<W: Write>(
             }
         };
         // A bad keyframe spoils every frame measured against it; they share its reason.
-        let measured = reference.clone().and_then(|()| {
-            let outcome = flow.measure(&capture);
-            outcome.map_err(|refusal| refusal.to_string())
-        });
-        match measured {
+        let seen = match &reference {
+            Ok(()) => Seen::of(options, &mut flow, &rig.rig, &capture, printer.method),
+            Err(reason) => Err(reason.clone()),
+        };
+        match seen {
             Ok(seen) => {
-                printer.warnings = seen.remarks(&rig.names);
+                printer.warnings = camera_remarks(&seen.refused_cameras, &rig.names);
                 let absent = seen.refused_cameras.iter();
                 let names = absent.filter_map(|(k, _)| rig.names.get(*k).cloned());
                 printer.absent = names.collect();
-                printer.sums(
-                    Sums::of(&rig.rig, &seen),
-                    seen.correspondences.len(),
-                    seen.rejected.total(),
-                )?;
+                printer.solution(seen.solution, seen.count, seen.rejected)?;
             }
             Err(reason) => printer.refusal(reason)?,
         }
@@ -287,9 +319,54 @@ fn run_captures<W: Write>(
     printer.finish()
 }
 
+/// What the images of one frame set give.
+struct Seen {
+    solution: Result<Solution, String>,
+    /// Numbers of points found and rejected.
+    count: usize,
+    rejected: usize,
+    refused_cameras: Vec<(usize, CameraRefusal)>,
+}
+
+impl Seen {
+    /// Measures a frame set, with the rotation of the target if it is demanded.
+    fn of(
+        options: &EstimateOptions,
+        flow: &mut Flow,
+        rig: &Rig,
+        capture: &FrameSet,
+        method: Method,
+    ) -> Result<Self, String> {
+        if options.pose.is_demanded() {
+            let seen = flow
+                .measure_pose(capture)
+                .map_err(|refusal| refusal.to_string())?;
+            let centroid_mm = flow.keyframe_centroid_mm().unwrap_or(seen.pose.centroid_mm);
+            let count = seen.correspondences.len();
+            return Ok(Self {
+                solution: Ok(options.pose.solution(&seen.pose, centroid_mm, count)),
+                count,
+                rejected: seen.rejected.total(),
+                refused_cameras: seen.refused_cameras,
+            });
+        }
+        let seen = flow
+            .measure(capture)
+            .map_err(|refusal| refusal.to_string())?;
+        let solution = Sums::of(rig, &seen).and_then(|sums| estimate(method, &sums));
+        Ok(Self {
+            solution: solution.map_err(|refusal| refusal.to_string()),
+            count: seen.correspondences.len(),
+            rejected: seen.rejected.total(),
+            refused_cameras: seen.refused_cameras,
+        })
+    }
+}
+
 /// Prints frames as they come and counts them.
 struct Printer<'a, W> {
     options: &'a EstimateOptions,
+    method: Method,
     out: &'a mut W,
     frames: usize,
     refused: usize,
@@ -302,14 +379,14 @@ struct Printer<'a, W> {
 }
 
 impl<W: Write> Printer<'_, W> {
-    /// Prints the next frame from the sums over its points and the number of rejected points.
-    fn sums(
+    /// Prints the next frame from its solution and the numbers of its points and of the rejected.
+    fn solution(
         &mut self,
-        sums: Result<Sums, Refusal>,
+        solution: Result<Solution, String>,
         count: usize,
         rejected: usize,
     ) -> Result<(), Failure> {
-        match sums.and_then(|sums| estimate(self.options.method, &sums)) {
+        match solution.and_then(Solution::finite) {
             Ok(solution) => {
                 let rejected = rejected + count - solution.points;
                 let warnings = std::mem::take(&mut self.warnings);
@@ -319,7 +396,8 @@ impl<W: Write> Printer<'_, W> {
                     sigma_mm: solution.sigma_mm,
                     points: solution.points,
                     rejected,
-                    method: self.options.method,
+                    method: self.method,
+                    turn: solution.turn,
                     warnings,
                 })
             }
@@ -368,6 +446,9 @@ impl<W: Write> Printer<'_, W> {
             names if names.is_empty() => writeln!(self.out)?,
             names => writeln!(self.out, "  without {}", names.join(" and "))?,
         }
+        if let Some(turn) = &line.turn {
+            turn.write(self.out)?;
+        }
         Ok(())
     }
 
@@ -408,6 +489,31 @@ struct Solution {
     sigma_mm: Option<[f64; 3]>,
     /// Number of points used.
     points: usize,
+    /// Rotation, if it was to be estimated.
+    turn: Option<Turn>,
+}
+
+impl Solution {
+    /// Refuses numbers that are not finite, because JSON cannot express them.
+    fn finite(self) -> Result<Self, String> {
+        let turn = self.turn.unwrap_or_default();
+        let lists = [
+            Some(self.displacement_mm),
+            self.sigma_mm,
+            turn.rotation_deg,
+            turn.rotation_sigma_deg,
+        ];
+        if lists
+            .iter()
+            .flatten()
+            .flatten()
+            .all(|number| number.is_finite())
+        {
+            Ok(self)
+        } else {
+            Err(Refusal::OutOfRange.to_string())
+        }
+    }
 }
 
 fn estimate(method: Method, sums: &Sums) -> Result<Solution, Refusal> {
@@ -420,17 +526,10 @@ fn estimate(method: Method, sums: &Sums) -> Result<Solution, Refusal> {
         Method::ClosedForm => (estimates.closed_form?, None),
         Method::LeastSquares => (estimates.least_squares?, None),
     };
-    let solution = Solution {
+    Ok(Solution {
         displacement_mm,
         sigma_mm,
         points: sums.centred.points as usize,
-    };
-    // JSON cannot express a number that is not finite.
-    let sigma = solution.sigma_mm.unwrap_or_default();
-    let mut numbers = solution.displacement_mm.iter().chain(&sigma);
-    if numbers.all(|number| number.is_finite()) {
-        Ok(solution)
-    } else {
-        Err(Refusal::OutOfRange)
-    }
+        turn: None,
+    })
 }

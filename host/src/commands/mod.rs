@@ -8,6 +8,7 @@ use trinocular_client::serial::{self, Ending};
 
 mod align;
 mod bench;
+mod bench_pose;
 mod by_hand;
 mod calibrate;
 mod calibrate_stage;

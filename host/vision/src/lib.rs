@@ -32,6 +32,7 @@ pub mod images;
 pub mod matching;
 pub mod measure;
 pub mod points;
+mod rigid;
 pub mod stage_timings;
 pub mod sums;
 pub mod thread_pool;

@@ -38,6 +38,7 @@ use serde::{Deserialize, Serialize};
 /// Positions of a rig's cameras relative to their mean.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Geometry {
+    centre_mm: [f64; 2],
     arms_mm: heapless::Vec<[f64; 2], MAX_CAMERAS>,
     /// `Σ |arm|²`, mm²: the denominator of the fit of inverse depth.
     arms_squared_mm2: f64,
@@ -84,9 +85,20 @@ impl Geometry {
             return Err(Refusal::WrongRig);
         }
         Ok(Self {
+            centre_mm: mean,
             arms_mm,
             arms_squared_mm2,
         })
+    }
+
+    /// Returns the mean position of the cameras, mm right and down of the rig's origin.
+    pub fn centre_mm(&self) -> [f64; 2] {
+        self.centre_mm
+    }
+
+    /// Returns the sum of the squared distances of the cameras from their mean, mm².
+    pub fn arms_squared_mm2(&self) -> f64 {
+        self.arms_squared_mm2
     }
 
     /// Returns the positions of the cameras relative to their mean, mm.

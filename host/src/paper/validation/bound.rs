@@ -44,7 +44,7 @@ pub fn variance_mm2(
 }
 
 /// Returns `Σ J'J` over the cameras, px²/mm².
-fn position_information(rig: &Rig, at: [f64; 3]) -> Matrix3<f64> {
+pub(crate) fn position_information(rig: &Rig, at: [f64; 3]) -> Matrix3<f64> {
     let cameras = rig.cameras.iter();
     cameras.fold(Matrix3::zeros(), |sum, camera| {
         let j = jacobian(camera, at);

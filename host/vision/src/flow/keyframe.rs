@@ -1,6 +1,8 @@
 //! Keyframe: points matched in all cameras at one instant, with the templates to track.
 
 use super::active_cameras::ActiveCameras;
+use super::camera_refusal::CameraRefusal;
+use super::frozen;
 use super::{FilteredFrameSet, Flow, FlowRefusal, PipelineStage, StageObserver};
 use crate::matching::corner;
 use crate::matching::lucas_kanade::FineTemplate;
@@ -60,6 +62,17 @@ impl Keyframe {
             unmatched: &self.unmatched,
             rejected: self.rejected,
         }
+    }
+
+    /// Returns the cameras that take no part in a measurement: unusable now, or at the keyframe.
+    pub(super) fn refusals(&self, now: &FilteredFrameSet) -> Vec<Option<CameraRefusal>> {
+        let mut refusals = now.camera_refusals.clone();
+        let before = &self.filtered;
+        frozen::mark_frozen(&mut refusals, &now.fingerprints, &before.fingerprints);
+        for (refusal, before) in refusals.iter_mut().zip(&before.camera_refusals) {
+            *refusal = refusal.or(*before);
+        }
+        refusals
     }
 
     /// Restricts the matches to `active`, some of the keyframe's cameras, and returns them with the

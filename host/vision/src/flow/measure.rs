@@ -5,7 +5,6 @@ use super::active_cameras::ActiveCameras;
 use super::camera_refusal::CameraRefusal;
 use super::coverage::InlierCoverage;
 use super::displacement_search::DisplacementSearch;
-use super::frozen;
 use super::keyframe::{ActiveKeyframe, Keyframe};
 use super::measurement::RejectedPoint;
 use super::temporal::{RefinedDisplacement, TemporalMatcher};
@@ -33,13 +32,7 @@ impl Flow {
         observer: &mut dyn StageObserver,
     ) -> Result<Measurement, FlowRefusal> {
         let keyframe = self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
-        // A camera that is unusable now or was at the keyframe takes no part.
-        let mut refusals = now.camera_refusals.clone();
-        let before = &keyframe.filtered;
-        frozen::mark_frozen(&mut refusals, &now.fingerprints, &before.fingerprints);
-        for (refusal, before) in refusals.iter_mut().zip(&before.camera_refusals) {
-            *refusal = refusal.or(*before);
-        }
+        let mut refusals = keyframe.refusals(now);
         let Tracking {
             mut result,
             unsynchronised,
@@ -70,9 +63,21 @@ impl Flow {
         now: &FilteredFrameSet,
         observer: &mut dyn StageObserver,
     ) -> Result<Tracking, FlowRefusal> {
+        self.with_active(keyframe, refusals, |active| {
+            self.track(active, now, observer)
+        })
+    }
+
+    /// Calls `track` with the keyframe as the cameras see it that are not refused.
+    pub(super) fn with_active<T>(
+        &self,
+        keyframe: &Keyframe,
+        refusals: &[Option<CameraRefusal>],
+        track: impl FnOnce(&ActiveKeyframe<'_>) -> Result<T, FlowRefusal>,
+    ) -> Result<T, FlowRefusal> {
         let active = self.active_cameras(refusals)?;
         if active.cameras == keyframe.active.cameras {
-            return self.track(&keyframe.whole(), now, observer);
+            return track(&keyframe.whole());
         }
         let (matches, coarse) = keyframe.restricted(&active, self.temporal_level());
         // Unmatched corners are pixels of the keyframe's reference camera only.
@@ -89,7 +94,7 @@ impl Flow {
             unmatched,
             ..keyframe.whole()
         };
-        self.track(&restricted, now, observer)
+        track(&restricted)
     }
 
     /// Selects the cameras that are not refused.
@@ -203,7 +208,7 @@ impl Flow {
     /// # Errors
     /// [`FlowRefusal::Lost`] if no displacement explains the images,
     /// [`FlowRefusal::AmbiguousMotion`] if several do.
-    fn rough_displacement(
+    pub(super) fn rough_displacement(
         &self,
         keyframe: &ActiveKeyframe<'_>,
         matcher: &TemporalMatcher<'_>,

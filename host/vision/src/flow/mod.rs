@@ -24,6 +24,7 @@
 //! | refine it, then track every point in every camera | [`temporal`] |
 //! | keep the inliers | [`consensus`], `accept` |
 //! | inflate the variance for correlated errors | [`variance_inflation`] |
+//! | measure displacement and rotation instead | `turned` |
 //! | refuse a rotating target, leave out a skewed camera | [`rotation`], [`sync`] |
 //! | refuse inliers that are not most of the image | `coverage` |
 //! | leave out missing, blank and frozen cameras | [`active_cameras`], [`frozen`] |
@@ -78,6 +79,7 @@ mod settings;
 mod stage;
 pub mod sync;
 pub mod temporal;
+mod turned;
 pub mod variance_inflation;
 
 pub use camera_refusal::{CameraRefusal, remarks};
@@ -89,6 +91,7 @@ use pyramid_pool::PyramidPool;
 pub use refusal::FlowRefusal;
 pub use settings::FlowSettings;
 pub use stage::{PipelineStage, StageObserver};
+pub use turned::PoseMeasurement;
 
 /// Tracker of one target: a keyframe, and the measurements against it.
 ///

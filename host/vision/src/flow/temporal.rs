@@ -10,7 +10,7 @@ use super::consensus::{self, PointFlow};
 use super::{Correspondence, FlowSettings};
 use crate::matching::Reject;
 use crate::matching::geometry::RigGeometry;
-use crate::matching::lucas_kanade::{CoarseTemplate, FineTemplate, Registration};
+use crate::matching::lucas_kanade::{CoarseTemplate, FineTemplate, PlaneWarp, Registration};
 use crate::matching::pyramid::Pyramid;
 use crate::matching::stereo::{self, StereoMatch};
 use crate::thread_pool::ThreadPool;
@@ -188,6 +188,26 @@ impl TemporalMatcher<'_> {
         let warp = magnification(inverse_depth, displacement_mm);
         let found = template.find(now?, on_level(start), warp, MAX_STEPS)?;
         Some((found.at.map(|c| f64::from(c) * scale), found.zncc))
+    }
+
+    /// Tracks the window of the keyframe at `at` in camera `k` from `to` on, at full resolution, as
+    /// `warp` turns it, which takes offsets now to offsets in the keyframe.
+    pub(super) fn track_turned(
+        &self,
+        k: usize,
+        at: [f64; 2],
+        to: [f64; 2],
+        warp: &PlaneWarp,
+    ) -> Result<[f64; 2], Reject> {
+        let [before, now] = [self.before, self.now].map(|pyramids| &pyramids[k].levels[0]);
+        let (at, to) = (at.map(|p| p as f32), to.map(|p| p as f32));
+        if !FineTemplate::fits(now, to) {
+            return Err(Reject::OutOfView);
+        }
+        let template = FineTemplate::turned(before, at, warp).ok_or(Reject::OutOfView)?;
+        let found = template.find(now, to, [[1.0, 0.0], [0.0, 1.0]], MAX_STEPS);
+        let found = found.ok_or(Reject::Dissimilar)?;
+        Ok(found.checked(&self.settings.matching)?.at.map(f64::from))
     }
 
     /// Tracks one point in camera `k` at full resolution.

@@ -26,6 +26,7 @@
 use super::Correspondence;
 use crate::matching::geometry::RigGeometry;
 use crate::matching::lucas_kanade::FineTemplate;
+use trinocular_core::sums::View;
 
 /// Side of the tracked windows, px.
 const SIDE_PX: f64 = FineTemplate::SIDE as f64;
@@ -54,6 +55,8 @@ pub struct VarianceInflation {
     pub window_overlap: f64,
     /// Factor that the residuals show.
     pub factor: f64,
+    /// Part of `factor` by errors that the cameras share.
+    own: f64,
 }
 
 impl VarianceInflation {
@@ -63,20 +66,31 @@ impl VarianceInflation {
         inliers: &[Correspondence],
         displacement_mm: [f64; 3],
     ) -> Self {
+        Self::of_residuals(geometry, inliers, |inlier| {
+            let fit = geometry.arms.point(&inlier.views)?;
+            let residual = |(k, view): (usize, &View)| {
+                let (seen, expected) = (view.flow(), fit.flow(k, displacement_mm));
+                [0, 1].map(|axis| seen[axis] - expected[axis])
+            };
+            Some(inlier.views.iter().enumerate().map(residual).collect())
+        })
+    }
+
+    /// Measures the inflation from the residuals of inliers in each camera, normalised.
+    pub fn of_residuals(
+        geometry: &RigGeometry,
+        inliers: &[Correspondence],
+        residuals: impl Fn(&Correspondence) -> Option<Vec<[f64; 2]>>,
+    ) -> Self {
         // Sum over cameras of each point's residuals, and the sum of all squares.
         let mut white = 0.0;
         let sums: Vec<[f64; 2]> = (inliers.iter())
             .map(|inlier| {
                 let mut sum = [0.0; 2];
-                let Some(fit) = geometry.arms.point(&inlier.views) else {
-                    return sum;
-                };
-                for (k, view) in inlier.views.iter().enumerate() {
-                    let (seen, expected) = (view.flow(), fit.flow(k, displacement_mm));
+                for residual in residuals(inlier).into_iter().flatten() {
                     for axis in 0..2 {
-                        let residual = seen[axis] - expected[axis];
-                        white += residual * residual;
-                        sum[axis] += residual;
+                        white += residual[axis] * residual[axis];
+                        sum[axis] += residual[axis];
                     }
                 }
                 sum
@@ -108,6 +122,7 @@ impl VarianceInflation {
             return Self {
                 window_overlap,
                 factor,
+                own: 1.0,
             };
         }
 
@@ -123,7 +138,13 @@ impl VarianceInflation {
         Self {
             window_overlap,
             factor: own * of_sum,
+            own,
         }
+    }
+
+    /// Returns the part of the factor by windows that overlap.
+    pub fn of_windows(&self) -> f64 {
+        self.factor / self.own
     }
 }
 

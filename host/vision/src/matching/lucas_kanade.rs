@@ -66,6 +66,19 @@ const LONG_STEP: f32 = 2.0;
 /// Least mean square gradient of a template in its weakest direction, (grey level / px)².
 const LEAST_GRADIENT: f32 = 0.25;
 
+/// Window that an image of a plane shows, as places of another image of it: the offset `d` from the
+/// centre shows the place at `linear d / (1 + shrink·d)` from there.
+///
+/// The projective part counts: on a surface tilted by 10 degrees, it moves the mean of a window by a
+/// hundredth of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlaneWarp {
+    /// Linear part.
+    pub linear: [[f32; 2]; 2],
+    /// Projective part, 1/px.
+    pub shrink: [f32; 2],
+}
+
 /// Square window of `N` x `N` px, odd, to be found in other images. `W >= N` is a multiple of 8, so
 /// that rows fill whole vectors.
 #[derive(Clone, Debug)]
@@ -132,23 +145,76 @@ impl<const N: usize, const W: usize> Template<N, W> {
         if !Self::fits(plane, at) {
             return None;
         }
+        let mut template = Self::empty();
+        Arch::new().dispatch(Read {
+            window: Window::<N, W>::around(plane, at),
+            template: &mut template,
+        });
+        template.has_contrast().then_some(template)
+    }
+
+    fn empty() -> Box<Self> {
         let nothing = [[0.0; W]; N];
-        let mut template = Box::new(Self {
+        Box::new(Self {
             grey: nothing,
             along: nothing,
             down: nothing,
             mean_gradient: [0.0; 2],
             matrix: [0.0; 3],
             moments: Moments::default(),
+        })
+    }
+
+    fn has_contrast(&self) -> bool {
+        let count = (N * N) as f32;
+        self.moments.energy >= count * LEAST_GRADIENT
+            && self.least_squares(self.moments).weakest() > count * LEAST_GRADIENT
+    }
+
+    /// Subtracts the means of grey levels and gradients that were read, and computes the sums.
+    #[inline(always)]
+    fn complete(&mut self) {
+        let Self {
+            grey, along, down, ..
+        } = self;
+        let [_, x, y] = [&mut *grey, &mut *along, &mut *down].map(|part| {
+            let mean = window::total(part) / (N * N) as f32;
+            window::centre(part, mean);
+            mean
         });
-        Arch::new().dispatch(Read {
-            window: Window::<N, W>::around(plane, at),
+        self.mean_gradient = [x, y];
+        self.matrix = [
+            product(along, along),
+            product(along, down),
+            product(down, down),
+        ];
+        self.moments = Moments::of(grey, along, down);
+    }
+
+    /// Takes the window around `at` of `plane` as an image of the turned surface shows it. In
+    /// contrast to the warp of [`Template::find`], this one need not be near the identity. Returns
+    /// `None` as [`Template::new`] does.
+    pub fn turned(plane: &Plane, at: [f32; 2], warp: &PlaneWarp) -> Option<Box<Self>> {
+        let half = (N / 2) as f32;
+        let nearest = 1.0 - half * (warp.shrink[0].abs() + warp.shrink[1].abs());
+        if !(nearest > 0.5) {
+            return None;
+        }
+        let reach = (warp.linear).map(|[a, b]| half * (a.abs() + b.abs()) / nearest + 2.0);
+        let inside = |axis: usize, size: usize| {
+            at[axis] - reach[axis] >= 0.0 && at[axis] + reach[axis] < size as f32 - 1.0
+        };
+        if !(inside(0, plane.width) && inside(1, plane.height)) {
+            return None;
+        }
+        let mut template = Self::empty();
+        Arch::new().dispatch(ReadTurned {
+            plane,
+            at,
+            warp,
             template: &mut template,
         });
-        let count = (N * N) as f32;
-        let enough = template.moments.energy >= count * LEAST_GRADIENT
-            && template.least_squares(template.moments).weakest() > count * LEAST_GRADIENT;
-        enough.then_some(template)
+        template.has_contrast().then_some(template)
     }
 
     /// Finds the template, warped by `warp` (near the identity), in `plane`, from `start` on. The
@@ -229,20 +295,51 @@ impl<const N: usize, const W: usize> NullaryFnOnce for Read<'_, N, W> {
         let template = self.template;
         let Template {
             grey, along, down, ..
-        } = template;
+        } = &mut *template;
         self.window.read(grey, along, down);
-        let [_, x, y] = [&mut *grey, &mut *along, &mut *down].map(|part| {
-            let mean = window::total(part) / (N * N) as f32;
-            window::centre(part, mean);
-            mean
-        });
-        template.mean_gradient = [x, y];
-        template.matrix = [
-            product(along, along),
-            product(along, down),
-            product(down, down),
-        ];
-        template.moments = Moments::of(grey, along, down);
+        template.complete();
+    }
+}
+
+/// Construction of a template of a turned surface in place.
+struct ReadTurned<'a, const N: usize, const W: usize> {
+    plane: &'a Plane,
+    at: [f32; 2],
+    warp: &'a PlaneWarp,
+    template: &'a mut Template<N, W>,
+}
+
+impl<const N: usize, const W: usize> NullaryFnOnce for ReadTurned<'_, N, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self {
+            plane,
+            at,
+            warp,
+            template,
+        } = self;
+        let [[a, b], [c, d]] = warp.linear;
+        let half = (N / 2) as f32;
+        for row in 0..N {
+            let y = row as f32 - half;
+            for column in 0..N {
+                let x = column as f32 - half;
+                let scale = (1.0 + warp.shrink[0] * x + warp.shrink[1] * y).recip();
+                let place = [
+                    at[0] + scale * (a * x + b * y),
+                    at[1] + scale * (c * x + d * y),
+                ];
+                let [grey, along, down] = window::read_at(plane, place);
+                template.grey[row][column] = grey;
+                // The gradient by the offset in the other image; the projective part would change
+                // it by less than a hundredth.
+                template.along[row][column] = a * along + c * down;
+                template.down[row][column] = b * along + d * down;
+            }
+        }
+        template.complete();
     }
 }
 

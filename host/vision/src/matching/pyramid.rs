@@ -28,6 +28,17 @@ pub struct Plane {
 }
 
 impl Plane {
+    /// Interpolates linearly between the grey levels; places outside are moved to the border.
+    pub fn between(&self, at: [f32; 2]) -> f32 {
+        let limit = [self.width, self.height].map(|size| size.saturating_sub(2));
+        let corner = [0, 1].map(|i| (at[i].max(0.0) as usize).min(limit[i]));
+        let [u, v] = [0, 1].map(|i| (at[i] - corner[i] as f32).clamp(0.0, 1.0));
+        let row = |r: usize| &self.grey[(corner[1] + r) * self.stride + corner[0]..][..2];
+        let mix = |row: &[f32]| row[0] + u * (row[1] - row[0]);
+        let (above, below) = (mix(row(0)), mix(row(1)));
+        above + v * (below - above)
+    }
+
     /// Computes the standard deviation of the grey levels.
     pub fn contrast(&self) -> f64 {
         let rows = || self.grey.chunks(self.stride.max(1)).take(self.height);

@@ -2,17 +2,22 @@
 //!
 //! Every point is triangulated from its pixels at the keyframe; one displacement of all points is
 //! fitted to the pixels afterwards. The fit minimises the sum of distances instead of their squares
-//! (iteratively reweighted least squares), so that a few wrong rows hardly change it. A row is
-//! doubtful if its pixels are farther from the fit than [`DOUBTFUL`] times the typical distance.
+//! (iteratively reweighted least squares), so that a few wrong rows hardly change it. If the points
+//! turn, the motion is that of a rigid target instead ([`crate::rigid`]). A row is doubtful if its
+//! pixels are farther from the fit than [`DOUBTFUL`] times the typical distance.
 
 use std::path::Path;
 
 use nalgebra::{Matrix3, Vector3};
+use trinocular_core::estimate::pose::{self, Observation};
 use trinocular_core::rig::Camera;
+use trinocular_core::sums::View;
+use trinocular_core::sums::centred::Geometry;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 
 use super::{HEADER, Sighting};
+use crate::rigid;
 
 /// Least misfit of a doubtful row, in multiples of the typical misfit.
 const DOUBTFUL: f64 = 5.0;
@@ -24,6 +29,23 @@ const MEDIAN_LENGTH: f64 = 1.177;
 const LEAST_POINTS: usize = 4;
 /// Passes of the reweighted fit.
 const PASSES: usize = 15;
+/// Share of the typical misfit that a rotation must leave to be the better explanation.
+const TURNED: f64 = 0.5;
+
+/// Motion of all points between the two instants.
+enum Motion {
+    Displacement(Vector3<f64>),
+    Rigid(Box<pose::Estimate>),
+}
+
+impl Motion {
+    fn apply(&self, position: Vector3<f64>) -> [f64; 3] {
+        match self {
+            Self::Displacement(displacement) => (position + displacement).into(),
+            Self::Rigid(pose) => pose.apply(position.into()),
+        }
+    }
+}
 
 /// One point: its row per camera, and the position at the keyframe in the rig's axes, mm.
 struct Placed<'a> {
@@ -62,18 +84,30 @@ pub fn doubts(file: &Path, rig: &RigFile, points: &[Vec<Sighting>]) -> Vec<Input
     if points.len() < LEAST_POINTS {
         return Vec::new();
     }
-    let displacement = displacement(cameras, &points);
-    let misfit = |rows: &[Sighting], position, camera: usize| {
-        misfit(&cameras[camera], &rows[camera], position, displacement)
+    let typical = |motion: &Motion| {
+        let mut lengths: Vec<f64> = (points.iter())
+            .flat_map(|point| {
+                let rows = cameras.iter().zip(point.rows);
+                rows.map(|(camera, row)| misfit(camera, row, point.position, motion).px)
+            })
+            .collect();
+        lengths.sort_by(f64::total_cmp);
+        (lengths[lengths.len() / 2] / MEDIAN_LENGTH).max(NOISE_PX)
     };
-    let mut lengths: Vec<f64> = (points.iter())
-        .flat_map(|point| {
-            all.iter()
-                .map(|k| misfit(point.rows, point.position, *k).px)
-        })
-        .collect();
-    lengths.sort_by(f64::total_cmp);
-    let typical_px = (lengths[lengths.len() / 2] / MEDIAN_LENGTH).max(NOISE_PX);
+    let mut motion = Motion::Displacement(displacement(cameras, &points));
+    let mut typical_px = typical(&motion);
+    if typical_px > NOISE_PX
+        && let Some(pose) = rigid_motion(cameras, rig, &points)
+    {
+        let turned = Motion::Rigid(Box::new(pose));
+        let turned_px = typical(&turned);
+        if turned_px < TURNED * typical_px {
+            (motion, typical_px) = (turned, turned_px);
+        }
+    }
+    let misfit = |rows: &[Sighting], position, camera: usize| {
+        misfit(&cameras[camera], &rows[camera], position, &motion)
+    };
     let limit_px = DOUBTFUL * typical_px;
     let mut doubts = Vec::new();
     for point in &points {
@@ -111,6 +145,24 @@ pub fn doubts(file: &Path, rig: &RigFile, points: &[Vec<Sighting>]) -> Vec<Input
     }
     doubts.sort_by_key(|doubt| doubt.line);
     doubts
+}
+
+/// Fits one motion of all points as a rigid target.
+fn rigid_motion(
+    cameras: &[Camera],
+    rig: &RigFile,
+    points: &[Placed<'_>],
+) -> Option<pose::Estimate> {
+    let geometry = Geometry::new(&rig.rig).ok()?;
+    let observe = |point: &Placed<'_>| {
+        let rows = cameras.iter().zip(point.rows);
+        let view = |(camera, row): (&Camera, &Sighting)| {
+            View::from_pixels(camera, row.pixels[0], row.pixels[1])
+        };
+        Observation::new(&geometry, &rows.map(view).collect::<Vec<_>>())
+    };
+    let observed: Vec<Observation> = points.iter().filter_map(observe).collect();
+    rigid::motion(&geometry, &observed)
 }
 
 /// Returns the position of a point at the keyframe, from the cameras in `used`; none if it is not
@@ -176,15 +228,13 @@ fn displacement(cameras: &[Camera], points: &[Placed<'_>]) -> Vector3<f64> {
 }
 
 /// Returns the misfit of a row, at the keyframe or afterwards, whichever is larger.
-fn misfit(
-    camera: &Camera,
-    row: &Sighting,
-    position: Vector3<f64>,
-    displacement: Vector3<f64>,
-) -> Misfit {
+fn misfit(camera: &Camera, row: &Sighting, position: Vector3<f64>, motion: &Motion) -> Misfit {
     let mut worst = Misfit::default();
-    for (instant, at) in [position, position + displacement].into_iter().enumerate() {
-        let [x, y] = camera.project(at.into());
+    for (instant, at) in [position.into(), motion.apply(position)]
+        .into_iter()
+        .enumerate()
+    {
+        let [x, y] = camera.project(at);
         let [dx, dy] = [row.pixels[instant][0] - x, row.pixels[instant][1] - y];
         let px = dx.hypot(dy);
         if px > worst.px {
@@ -199,11 +249,22 @@ fn misfit(
 mod tests {
     use super::*;
     use crate::points::parse;
+    use trinocular_core::rig::Rotation;
     use trinocular_rig::random::Random;
 
     /// Returns a file of points that moved alike, with noise, whose line 2 + 3 * point + camera is
     /// off by `off_px`.
     fn doubts(noise_px: f64, wrong: &[(usize, [f64; 4])]) -> Vec<InputError> {
+        doubts_of_turn([0.0; 3], noise_px, wrong)
+    }
+
+    /// Returns the same of points that also turned.
+    fn doubts_of_turn(
+        degrees: [f64; 3],
+        noise_px: f64,
+        wrong: &[(usize, [f64; 4])],
+    ) -> Vec<InputError> {
+        let turn = Rotation::from_degrees(degrees).rows();
         let rig = RigFile::paper();
         let mut random = Random::seeded(7);
         let mut text = format!("{}\n", HEADER.join(","));
@@ -216,7 +277,9 @@ mod tests {
                 let line = 1 + text.lines().count();
                 let off = wrong.iter().find(|(at, _)| *at == line);
                 let [x0, y0] = camera.project(p);
-                let [x1, y1] = camera.project([p[0] + 3.0, p[1] - 2.0, p[2] + 4.0]);
+                let arm = [p[0], p[1], p[2] - 900.0];
+                let after = turn.map(|row| row[0] * arm[0] + row[1] * arm[1] + row[2] * arm[2]);
+                let [x1, y1] = camera.project([after[0] + 3.0, after[1] - 2.0, after[2] + 904.0]);
                 let noisy: [f64; 4] = std::array::from_fn(|i| {
                     let noise = noise_px * random.between(-1.7, 1.7);
                     [x0, y0, x1, y1][i] + noise + off.map_or(0.0, |(_, off)| off[i])
@@ -254,5 +317,28 @@ mod tests {
         assert_eq!(fields[..3], ["x1", "y0", "y1"], "{found:?}");
         // Line 5 is the first camera of the second point.
         assert!(found[0].reason.contains("camera `left` is 6."), "{found:?}");
+    }
+    #[test]
+    fn turned_points_leave_no_doubt() {
+        for degrees in [[0.0, 0.0, 1.0], [0.0, 8.0, 0.0], [20.0, -5.0, 30.0]] {
+            for noise_px in [0.0, 0.05, 0.5] {
+                let found = doubts_of_turn(degrees, noise_px, &[]);
+                assert_eq!(found, [], "{degrees:?}, {noise_px} px");
+            }
+        }
+    }
+
+    #[test]
+    fn wrong_rows_of_turned_points_are_named() {
+        let wrong = [
+            (5, [0.0, 0.0, 9.0, 0.0]),
+            (12, [0.0, 8.0, 0.0, 8.0]),
+            (49, [12.0, 0.0, 0.0, 0.0]),
+        ];
+        for degrees in [[0.0, 0.0, 3.0], [4.0, 8.0, 2.0], [10.0, -12.0, 30.0]] {
+            let found = doubts_of_turn(degrees, 0.05, &wrong);
+            let lines: Vec<_> = found.iter().filter_map(|doubt| doubt.line).collect();
+            assert_eq!(lines, [5, 12, 49], "{degrees:?}: {found:?}");
+        }
     }
 }

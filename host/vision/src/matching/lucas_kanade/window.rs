@@ -88,6 +88,25 @@ impl<'a, const N: usize, const W: usize> Window<'a, N, W> {
     }
 }
 
+/// Reads grey level and both derivatives of the interpolated image at one place.
+#[inline(always)]
+pub fn read_at(plane: &Plane, at: [f32; 2]) -> [f32; 3] {
+    let corner = at.map(|a| a as usize);
+    let fraction = [at[0] - corner[0] as f32, at[1] - corner[1] as f32];
+    let (wx, sx) = (weights(fraction[0]), slopes(fraction[0]));
+    let (wy, sy) = (weights(fraction[1]), slopes(fraction[1]));
+    let mut out = [0.0; 3];
+    for r in 0..4 {
+        let row = &plane.grey[(corner[1] + r - 1) * plane.stride + corner[0] - 1..][..4];
+        let across = |w: &[f32; 4]| row[0] * w[0] + row[1] * w[1] + row[2] * w[2] + row[3] * w[3];
+        let value = across(&wx);
+        out[0] += wy[r] * value;
+        out[1] += wy[r] * across(&sx);
+        out[2] += sy[r] * value;
+    }
+    out
+}
+
 /// Applies a four-tap filter along a row.
 #[inline(always)]
 fn mix<const W: usize>(row: &[f32], w: &[f32; 4], out: &mut [f32; W]) {

@@ -1,0 +1,541 @@
+//! Displacement and rotation of a rigid target.
+//!
+//! The search for a displacement, in images turned about z by one angle after another, finds where
+//! the points are, roughly. The pose that most of them agree on predicts every point again, with
+//! the window that a turned surface shows: each point has its own depth, and the surface through it
+//! is parallel to the plane of all points. The points are tracked again from there, twice, until
+//! their windows fit the pose.
+//!
+//! ```text
+//! search -> tracks -> consensus -> (turned windows -> tracks -> consensus) twice -> pose
+//! ```
+//!
+//! The covariance of the pose is inflated for windows that overlap, as that of a displacement.
+
+use super::active_cameras::{self, ActiveCameras};
+use super::camera_refusal::{self, CameraRefusal};
+use super::displacement_search::DisplacementSearch;
+use super::keyframe::ActiveKeyframe;
+use super::temporal::TemporalMatcher;
+use super::variance_inflation::VarianceInflation;
+use super::{Correspondence, FilteredFrameSet, Flow, FlowRefusal};
+use crate::images::FrameSet;
+use crate::matching::geometry::RigGeometry;
+use crate::matching::lucas_kanade::PlaneWarp;
+use crate::matching::pyramid::Pyramid;
+use crate::matching::stereo::{self, StereoMatch};
+use crate::matching::zncc::ZnccPlane;
+use crate::matching::{Reject, RejectCounts};
+use crate::rigid;
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use trinocular_core::estimate::pose::{self, Estimate, Observation};
+use trinocular_core::rig::Rig;
+use trinocular_core::sums::View;
+
+/// Rounds of tracking with turned windows.
+const ROUNDS: usize = 2;
+/// Step of the angles about z that are tried, degrees: the search bears half of it.
+const TURN_DEG: f64 = 2.0;
+/// Number of steps in either direction.
+const TURNS: u32 = 8;
+/// Rounds of a consensus.
+const MAX_ROUNDS: usize = 8;
+/// Ratio of the inlier limit to the median residual.
+const INLIER_MEDIANS: f64 = 3.0;
+/// Least limit of an inlier's residual in the first consensus, px: windows that are not turned yet
+/// are followed less well.
+const ROUGH_INLIER_PX: f64 = 0.5;
+/// Half of the distance over which the change of an image is measured, px.
+const STEP_PX: f64 = 4.0;
+
+/// Displacement and rotation of the target since the keyframe, and its points.
+#[derive(Clone, Debug)]
+pub struct PoseMeasurement {
+    /// Pose with its covariance, inflated for correlated errors.
+    pub pose: Estimate,
+    /// Inliers: points that passed every test and move as one rigid target.
+    pub correspondences: Vec<Correspondence>,
+    /// Active cameras, as indices into the rig's cameras.
+    pub cameras: Vec<usize>,
+    /// Refused cameras, as indices into the rig's cameras, with the reasons.
+    pub refused_cameras: Vec<(usize, CameraRefusal)>,
+    /// Number of points left out, by reason; those of the keyframe included.
+    pub rejected: RejectCounts,
+}
+
+impl PoseMeasurement {
+    /// Returns the rig of the active cameras, given the whole rig.
+    pub fn rig(&self, whole: &Rig) -> Rig {
+        active_cameras::subset(whole, &self.cameras)
+    }
+
+    /// Describes each refused camera in a sentence, given the names of all cameras.
+    pub fn remarks(&self, names: &[String]) -> Vec<String> {
+        camera_refusal::remarks(&self.refused_cameras, names)
+    }
+}
+
+impl Flow {
+    /// Measures displacement and rotation of the target from the keyframe to `frame_set`.
+    ///
+    /// # Errors
+    /// [`FlowRefusal`] if the pose cannot be measured; the keyframe stays.
+    pub fn measure_pose(&mut self, frame_set: &FrameSet) -> Result<PoseMeasurement, FlowRefusal> {
+        self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
+        let thread_pool = self.thread_pool.clone();
+        let (measurement, filtered) = thread_pool.run(|| {
+            let filtered = self.filter_observed(frame_set, &mut ())?;
+            let measurement = self.measure_filtered_pose(&filtered);
+            Ok((measurement, filtered))
+        })?;
+        self.pyramid_pool.put(filtered);
+        measurement
+    }
+
+    /// Returns the mean of the keyframe's points in the rig's axes, mm. It stays the same while the
+    /// keyframe does, whichever points are found later.
+    pub fn keyframe_centroid_mm(&self) -> Option<[f64; 3]> {
+        let keyframe = self.keyframe.as_ref()?;
+        let [cx, cy] = keyframe.active.geometry.arms.centre_mm();
+        let count = keyframe.matches.len() as f64;
+        let place = |matched: &StereoMatch| {
+            let z = 1.0 / matched.ray.inverse_depth;
+            let [alpha, beta] = matched.ray.direction;
+            Vector3::new(alpha * z + cx, beta * z + cy, z)
+        };
+        let sum: Vector3<f64> = keyframe.matches.iter().map(place).sum();
+        Some((sum / count).into())
+    }
+
+    fn measure_filtered_pose(
+        &self,
+        now: &FilteredFrameSet,
+    ) -> Result<PoseMeasurement, FlowRefusal> {
+        let keyframe = self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
+        let refusals = keyframe.refusals(now);
+        let mut measurement =
+            self.with_active(keyframe, &refusals, |active| self.track_pose(active, now))?;
+        let refused = refusals.into_iter().enumerate();
+        measurement.refused_cameras = refused
+            .filter_map(|(k, refusal)| Some((k, refusal?)))
+            .collect();
+        Ok(measurement)
+    }
+
+    fn track_pose(
+        &self,
+        keyframe: &ActiveKeyframe<'_>,
+        now: &FilteredFrameSet,
+    ) -> Result<PoseMeasurement, FlowRefusal> {
+        let select = |pyramids| keyframe.active.select(pyramids);
+        let (before, now) = (select(keyframe.pyramids), select(&now.pyramids));
+        let geometry = &keyframe.active.geometry;
+        let matcher = TemporalMatcher {
+            geometry,
+            settings: &self.settings,
+            before: &before,
+            now: &now,
+            thread_pool: &self.thread_pool,
+        };
+        let rough = self.rough_pose(keyframe, &matcher)?;
+        let matches: Vec<&StereoMatch> = keyframe.matches.iter().collect();
+
+        // Windows turned by the pose so far, and the pose that most points agree on.
+        let slope = Surface::of(keyframe.matches);
+        let track_all = |pose: &Estimate| {
+            let predictor = Predictor {
+                geometry,
+                pose,
+                slope,
+            };
+            let track = |matched: &StereoMatch| predictor.track(&matcher, matched);
+            Tracks::of(keyframe, self.thread_pool.map(matches.clone(), track))
+        };
+        let mut tracks = track_all(&rough);
+        self.enough(keyframe, &tracks)?;
+        let start = rigid::motion(&geometry.arms, &tracks.observed(geometry));
+        let mut found = start
+            .and_then(|start| RigidConsensus::of(geometry, &tracks, start, ROUGH_INLIER_PX))
+            .ok_or_else(|| tracks.no_agreement(keyframe, 0, f64::NAN))?;
+        for _ in 0..ROUNDS {
+            tracks = track_all(&found.pose);
+            self.enough(keyframe, &tracks)?;
+            let pose = found.pose;
+            found = RigidConsensus::of(geometry, &tracks, pose, self.settings.min_inlier_px)
+                .ok_or_else(|| tracks.no_agreement(keyframe, 0, f64::NAN))?;
+        }
+        let agree = found.inliers.iter().filter(|is| **is).count();
+        if agree < self.settings.min_points
+            || 2 * agree < tracks.expected(keyframe)
+            || found.median_px > self.settings.max_median_residual_px
+        {
+            return Err(tracks.no_agreement(keyframe, agree, found.median_px));
+        }
+        Ok(accepted(keyframe.active, tracks, &found))
+    }
+
+    /// Finds displacement and rotation about z roughly.
+    ///
+    /// The displacement is searched in the image of the reference camera, which is turned back by
+    /// one angle after another. Rotations about x and y change the image less, so that the search
+    /// needs no idea of them.
+    ///
+    /// # Errors
+    /// [`FlowRefusal::Lost`] if no angle explains the images, or the refusal at the first angle
+    /// that does.
+    fn rough_pose(
+        &self,
+        keyframe: &ActiveKeyframe<'_>,
+        matcher: &TemporalMatcher<'_>,
+    ) -> Result<Estimate, FlowRefusal> {
+        let geometry = matcher.geometry;
+        let level = self.temporal_level();
+        let reference = geometry.reference;
+        let mut lost = FlowRefusal::Lost { zncc: 0.0 };
+        for step in 0..=2 * TURNS {
+            // 0, 1, -1, 2, -2 ...
+            let turn =
+                f64::from(step.div_ceil(2)) * if step % 2 == 1 { TURN_DEG } else { -TURN_DEG };
+            let turned;
+            let mut now = matcher.now.to_vec();
+            if step > 0 {
+                turned = turned_back(geometry, matcher.now[reference], turn.to_radians());
+                now[reference] = &turned;
+            }
+            let matcher = TemporalMatcher {
+                now: &now,
+                ..*matcher
+            };
+            let coarse = ZnccPlane::new(&now[reference].levels[level]);
+            let [width, _] = coarse.size();
+            let search = DisplacementSearch {
+                geometry,
+                before: keyframe.coarse,
+                now: &coarse,
+                scale: (1 << level) as f64,
+                range: (self.settings.search_range * width as f64).ceil() as usize,
+                thread_pool: &self.thread_pool,
+            };
+            match self.rough_displacement(keyframe, &matcher, &search) {
+                Ok(moved) => return Ok(about_axis(geometry, turn.to_radians(), moved)),
+                Err(FlowRefusal::Lost { zncc }) if step == 0 => lost = FlowRefusal::Lost { zncc },
+                Err(FlowRefusal::Lost { .. }) => {}
+                Err(refusal) => return Err(refusal),
+            }
+        }
+        Err(lost)
+    }
+
+    /// Refuses too few tracks.
+    fn enough(&self, keyframe: &ActiveKeyframe<'_>, tracks: &Tracks) -> Result<(), FlowRefusal> {
+        let (followed, least) = (tracks.points.len(), self.settings.min_points);
+        if followed >= least {
+            return Ok(());
+        }
+        Err(FlowRefusal::FewTracks {
+            followed,
+            matched: keyframe.matches.len(),
+            least,
+        })
+    }
+}
+
+/// Returns the pose of a displacement that is then turned about the axis of the reference camera.
+fn about_axis(geometry: &RigGeometry, radians: f64, moved_mm: [f64; 3]) -> Estimate {
+    let [x, y] = geometry.rig.cameras[geometry.reference].offset_mm;
+    let pivot = [x - moved_mm[0], y - moved_mm[1], -moved_mm[2]];
+    Estimate::exact([0.0, 0.0, (0.5 * radians).tan()], pivot, moved_mm)
+}
+
+/// Returns the pyramid of the reference camera, turned back about its axis. Places that the image
+/// does not show are as its border.
+fn turned_back(geometry: &RigGeometry, pyramid: &Pyramid, radians: f64) -> Pyramid {
+    let (sine, cosine) = radians.sin_cos();
+    let k = geometry.reference;
+    let mut turned = pyramid.clone();
+    // Displacements are not searched at full resolution.
+    for (level, (plane, from)) in turned
+        .levels
+        .iter_mut()
+        .zip(&pyramid.levels)
+        .enumerate()
+        .skip(1)
+    {
+        let scale = f64::from(1u32 << level);
+        for row in 0..from.height {
+            for column in 0..from.width {
+                let pixel = [column as f64 * scale, row as f64 * scale];
+                let [x, y] = geometry.normalise(k, pixel);
+                let place = [cosine * x - sine * y, sine * x + cosine * y];
+                let place = geometry.pixel(k, place).map(|p| (p / scale) as f32);
+                plane.grey[row * from.stride + column] = from.between(place);
+            }
+            let last = plane.grey[row * from.stride + from.width - 1];
+            plane.grey[row * from.stride + from.width..(row + 1) * from.stride].fill(last);
+        }
+    }
+    turned
+}
+
+/// Returns the measurement of the inliers, with the inflated covariance.
+fn accepted(active: &ActiveCameras, tracks: Tracks, found: &RigidConsensus) -> PoseMeasurement {
+    let geometry = &active.geometry;
+    let mut rejected = tracks.rejected;
+    let mut inliers = Vec::new();
+    for (point, is_inlier) in tracks.points.into_iter().zip(&found.inliers) {
+        match is_inlier {
+            true => inliers.push(point),
+            false => rejected.add(Reject::Outlier),
+        }
+    }
+    let residuals = |inlier: &Correspondence| {
+        let observed = Observation::new(&geometry.arms, &inlier.views)?;
+        let [alpha, beta, rho] = observed.start;
+        let expected = moved(geometry, &found.pose, observed.start)?;
+        let arms = geometry.arms.arms_mm().iter().zip(&inlier.views);
+        let residual = |(arm, view): (&[f64; 2], &View)| {
+            let flow = view.flow();
+            let start = [alpha - arm[0] * rho, beta - arm[1] * rho];
+            let end = [
+                expected[0] - arm[0] * expected[2],
+                expected[1] - arm[1] * expected[2],
+            ];
+            [0, 1].map(|axis| flow[axis] - (end[axis] - start[axis]))
+        };
+        Some(arms.map(residual).collect())
+    };
+    let inflation = VarianceInflation::of_residuals(geometry, &inliers, residuals);
+    PoseMeasurement {
+        pose: found.pose.inflated(inflation.of_windows()),
+        correspondences: inliers,
+        cameras: active.cameras.clone(),
+        refused_cameras: Vec::new(),
+        rejected,
+    }
+}
+
+/// Points that were tracked, and the numbers of those that were not.
+struct Tracks {
+    points: Vec<Correspondence>,
+    rejected: RejectCounts,
+}
+
+impl Tracks {
+    fn of(keyframe: &ActiveKeyframe<'_>, all: Vec<Result<Correspondence, Reject>>) -> Self {
+        let mut tracks = Self {
+            points: Vec::with_capacity(all.len()),
+            rejected: keyframe.rejected,
+        };
+        for point in all {
+            match point {
+                Ok(point) => tracks.points.push(point),
+                Err(reason) => tracks.rejected.add(reason),
+            }
+        }
+        tracks
+    }
+
+    fn observed(&self, geometry: &RigGeometry) -> Vec<Observation> {
+        let observe = |point: &Correspondence| Observation::new(&geometry.arms, &point.views);
+        self.points.iter().filter_map(observe).collect()
+    }
+
+    /// Returns the number of matched points that are in view now.
+    fn expected(&self, keyframe: &ActiveKeyframe<'_>) -> usize {
+        let before = keyframe.rejected.of(Reject::OutOfView);
+        keyframe.matches.len() - (self.rejected.of(Reject::OutOfView) - before)
+    }
+
+    fn no_agreement(
+        &self,
+        keyframe: &ActiveKeyframe<'_>,
+        agree: usize,
+        median_px: f64,
+    ) -> FlowRefusal {
+        FlowRefusal::NoAgreement {
+            agree,
+            expected: self.expected(keyframe),
+            median_px,
+        }
+    }
+}
+
+/// Points that move as one rigid target.
+struct RigidConsensus {
+    pose: Estimate,
+    /// Flags of the tracks that are inliers.
+    inliers: Vec<bool>,
+    /// Median residual of all tracks, px.
+    median_px: f64,
+}
+
+impl RigidConsensus {
+    /// Finds the inliers from the pose `start` on. Residuals up to `least_px` never make an
+    /// outlier.
+    fn of(geometry: &RigGeometry, tracks: &Tracks, start: Estimate, least_px: f64) -> Option<Self> {
+        let observe = |point: &Correspondence| Observation::new(&geometry.arms, &point.views);
+        let observed: Vec<Option<Observation>> = tracks.points.iter().map(observe).collect();
+        let mut pose = start;
+        let mut consensus: Option<Self> = None;
+        for _ in 0..MAX_ROUNDS {
+            let residuals = observed.iter().map(|observed| {
+                let residual = observed.map(|o| residual_px(geometry, &pose, &o));
+                residual
+                    .filter(|px| px.is_finite())
+                    .unwrap_or(f64::INFINITY)
+            });
+            let residuals: Vec<f64> = residuals.collect();
+            let mut sorted = residuals.clone();
+            let middle = sorted.len() / 2;
+            let (_, median_px, _) = sorted.select_nth_unstable_by(middle, f64::total_cmp);
+            let median_px = *median_px;
+            let limit = (INLIER_MEDIANS * median_px).max(least_px);
+            let inliers: Vec<bool> = residuals.iter().map(|px| *px <= limit).collect();
+            if let Some(converged) = consensus.as_mut().filter(|c| c.inliers == inliers) {
+                converged.median_px = median_px;
+                break;
+            }
+            let kept = observed.iter().zip(&inliers);
+            let kept = kept.filter_map(|(observed, is_inlier)| observed.filter(|_| *is_inlier));
+            pose = pose::solve(&geometry.arms, &kept.collect::<Vec<_>>()).ok()?;
+            consensus = Some(Self {
+                pose,
+                inliers,
+                median_px,
+            });
+        }
+        consensus
+    }
+}
+
+/// Computes the residual of a point against a pose: root mean square over cameras and axes, px.
+fn residual_px(geometry: &RigGeometry, pose: &Estimate, observed: &Observation) -> f64 {
+    let Some(expected) = moved(geometry, pose, observed.start) else {
+        return f64::INFINITY;
+    };
+    let [x, y, rho] = [0, 1, 2].map(|i| observed.end[i] - expected[i]);
+    let count = geometry.cameras() as f64;
+    let squares = count * (x * x + y * y) + geometry.arms.arms_squared_mm2() * rho * rho;
+    geometry.focal_px * (squares / (2.0 * count)).sqrt()
+}
+
+/// Returns where the pose puts a point: direction and inverse depth about the mean camera. `None`
+/// if it is not in front of the cameras.
+fn moved(geometry: &RigGeometry, pose: &Estimate, [x, y, rho]: [f64; 3]) -> Option<[f64; 3]> {
+    let [cx, cy] = geometry.arms.centre_mm();
+    let [x, y, z] = pose.apply([x / rho + cx, y / rho + cy, 1.0 / rho]);
+    (z > 0.0).then(|| [(x - cx) / z, (y - cy) / z, 1.0 / z])
+}
+
+/// Plane of all points at the keyframe, `ρ = a + b α + c β`: planes in space are planes in
+/// direction and inverse depth, too.
+#[derive(Clone, Copy)]
+struct Surface([f64; 3]);
+
+impl Surface {
+    fn of(matches: &[StereoMatch]) -> Self {
+        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        for StereoMatch { ray, .. } in matches {
+            let row = Vector3::new(1.0, ray.direction[0], ray.direction[1]);
+            normal += row * row.transpose();
+            right += row * ray.inverse_depth;
+        }
+        let solved = normal.cholesky().map(|normal| normal.solve(&right));
+        Self(solved.map_or([0.0; 3], Into::into))
+    }
+
+    /// Returns the slope of inverse depth at a point, on a plane through it that is parallel.
+    fn slope(&self, [alpha, beta]: [f64; 2], rho: f64) -> [f64; 2] {
+        let Self([a, b, c]) = *self;
+        let there = a + b * alpha + c * beta;
+        let scale = if there > 0.0 { rho / there } else { 0.0 };
+        [scale * b, scale * c]
+    }
+}
+
+/// Prediction of places and windows by a pose.
+struct Predictor<'a> {
+    geometry: &'a RigGeometry,
+    pose: &'a Estimate,
+    slope: Surface,
+}
+
+impl Predictor<'_> {
+    /// Tracks one point in all cameras with turned windows, and checks that the cameras see one
+    /// point.
+    fn track(
+        &self,
+        matcher: &TemporalMatcher<'_>,
+        matched: &StereoMatch,
+    ) -> Result<Correspondence, Reject> {
+        let cameras = self.geometry.cameras();
+        let mut pixels = Vec::with_capacity(cameras);
+        let mut views = Vec::with_capacity(cameras);
+        for k in 0..cameras {
+            let at = matched.pixels[k];
+            let to = self.to(k, matched, at).ok_or(Reject::OutOfView)?;
+            let warp = self.warp(k, matched, at).ok_or(Reject::OutOfView)?;
+            let found = matcher.track_turned(k, at, to, &warp)?;
+            pixels.push([at, found]);
+            views.push(View {
+                start: matched.normalised[k],
+                end: self.geometry.normalise(k, found),
+            });
+        }
+        let ends: Vec<[f64; 2]> = views.iter().map(|v| v.end).collect();
+        stereo::check(self.geometry, &matcher.settings.matching, &ends)?;
+        Ok(Correspondence { pixels, views })
+    }
+
+    /// Returns where the pose puts the pixel `at` of camera `k`, on the surface of a matched point.
+    fn to(&self, k: usize, matched: &StereoMatch, at: [f64; 2]) -> Option<[f64; 2]> {
+        let arm = self.geometry.arms.arms_mm()[k];
+        let ray = &matched.ray;
+        let slope = self.slope.slope(ray.direction, ray.inverse_depth);
+        // ρ = ρ0 + slope (α - α0) with α = ξ + ρ arm.
+        let xi = self.geometry.normalise(k, at);
+        let own = matched.normalised[k];
+        let along: f64 = (0..2).map(|i| slope[i] * (xi[i] - own[i])).sum();
+        let across: f64 = (0..2).map(|i| slope[i] * arm[i]).sum();
+        let rho = ray.inverse_depth + along / (1.0 - across);
+        let start = [xi[0] + rho * arm[0], xi[1] + rho * arm[1], rho];
+        let [alpha, beta, rho] = moved(self.geometry, self.pose, start)?;
+        let end = [alpha - rho * arm[0], beta - rho * arm[1]];
+        Some(self.geometry.pixel(k, end))
+    }
+
+    /// Returns the window of the image now in the keyframe's image.
+    ///
+    /// Offsets of the keyframe are moved by `J δ / (1 + q·δ)`, which four places around the point
+    /// determine. The inverse is `J^-1 d / (1 - (q J^-1)·d)`.
+    fn warp(&self, k: usize, matched: &StereoMatch, at: [f64; 2]) -> Option<PlaneWarp> {
+        let centre = Vector2::from(self.to(k, matched, at)?);
+        let mut jacobian = Matrix2::zeros();
+        let mut shrink = Vector2::zeros();
+        for axis in 0..2 {
+            let off = |sign: f64| {
+                let mut place = at;
+                place[axis] += sign * STEP_PX;
+                Some(Vector2::from(self.to(k, matched, place)?) - centre)
+            };
+            let (ahead, behind) = (off(1.0)?, off(-1.0)?);
+            let lengths = [behind.norm(), ahead.norm()];
+            let share = (lengths[0] - lengths[1]) / (lengths[0] + lengths[1]);
+            shrink[axis] = share / STEP_PX;
+            let column = 0.5 * (ahead * (1.0 + share) - behind * (1.0 - share)) / STEP_PX;
+            jacobian.set_column(axis, &column);
+        }
+        // The back of a surface is not seen.
+        let inverse = jacobian
+            .try_inverse()
+            .filter(|inverse| inverse.determinant() > 0.0)?;
+        let shrink = -inverse.transpose() * shrink;
+        Some(PlaneWarp {
+            linear: [0, 1].map(|i| [0, 1].map(|j| inverse[(i, j)] as f32)),
+            shrink: [0, 1].map(|i| shrink[i] as f32),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

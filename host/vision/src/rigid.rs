@@ -1,0 +1,62 @@
+//! Motion of a rigid target that most points agree on, even if some are wrong.
+//!
+//! Random sample consensus (Fischler and Bolles 1981): the pose of three points at a time, the one
+//! with the least sum of bounded distances, and then the pose of all points near it.
+
+use trinocular_core::estimate::pose::{self, Estimate, Observation};
+use trinocular_core::sums::centred::Geometry;
+use trinocular_rig::random::Random;
+
+/// Samples of three points. If a third of the points is wrong, all samples contain a wrong one once
+/// in ten million files.
+const SAMPLES: usize = 50;
+/// Largest number of points that judge a sample.
+const MOST_JUDGES: usize = 500;
+/// Distance beyond which a point counts as simply wrong, in normalised coordinates.
+const FAR: f64 = 0.02;
+/// Distance of the points that are kept, in multiples of the median.
+const NEAR: f64 = 5.0;
+/// Rounds of keeping the near points.
+const ROUNDS: usize = 3;
+
+/// Returns the pose that most of the points agree on; `None` if the points do not determine one.
+pub fn motion(geometry: &Geometry, all: &[Observation]) -> Option<Estimate> {
+    let stride = all.len().div_ceil(MOST_JUDGES).max(1);
+    let judges: Vec<Observation> = all.iter().copied().step_by(stride).collect();
+    let mut random = Random::seeded(all.len() as u64);
+    let samples = (0..SAMPLES).filter_map(|_| {
+        let sample = [0; 3].map(|_| all.get(random.below(all.len())).copied());
+        let [Some(a), Some(b), Some(c)] = sample else {
+            return None;
+        };
+        let pose = pose::plain(geometry, &[a, b, c]).ok()?;
+        let score: f64 = judges
+            .iter()
+            .map(|o| distance(geometry, &pose, o).min(FAR))
+            .sum();
+        Some((score, pose))
+    });
+    let (_, mut best) = samples.min_by(|(a, _), (b, _)| a.total_cmp(b))?;
+    for _ in 0..ROUNDS {
+        let off: Vec<f64> = all.iter().map(|o| distance(geometry, &best, o)).collect();
+        let mut sorted = off.clone();
+        let (_, median, _) = sorted.select_nth_unstable_by(all.len() / 2, f64::total_cmp);
+        // Without noise the distances are those of rounding.
+        let limit = NEAR * median.max(1e-9);
+        let near = all.iter().zip(&off).filter(|(_, off)| **off <= limit);
+        let near: Vec<Observation> = near.map(|(observation, _)| *observation).collect();
+        best = pose::solve(geometry, &near).unwrap_or(best);
+    }
+    Some(best)
+}
+
+/// Returns the distance in the mean camera of a point from where the pose puts it, in normalised
+/// coordinates.
+fn distance(geometry: &Geometry, pose: &Estimate, observation: &Observation) -> f64 {
+    let [cx, cy] = geometry.centre_mm();
+    let start = observation.start_mm();
+    let [x, y, z] = pose.apply([start.x + cx, start.y + cy, start.z]);
+    let [alpha, beta, _] = observation.end;
+    let off = ((x - cx) / z - alpha).hypot((y - cy) / z - beta);
+    if off.is_finite() { off } else { FAR }
+}
