@@ -45,9 +45,9 @@ const RESTS: f32 = 1.0 / 25.0;
 /// of fewer than some 25 frames per second, a target moves too much by itself.
 const BRIEF_MS: f32 = 450.0;
 
-/// Longest such window, ms, in which a target that stands or slows down counts: at 20 frames per
-/// second and more.
-const STANDS_MS: f32 = 600.0;
+/// Longest mean time between frames, ms, at which a target that stands or slows down counts. With
+/// fewer frames per second a target may turn or rest while the stage does.
+const STANDS_MS: f32 = 50.0;
 
 /// Number of points that make a fault.
 pub(super) const ENOUGH: u8 = 6;
@@ -102,7 +102,7 @@ struct Moving {
     /// Share of the apparent target's motion that the stage's explains, in the window with the
     /// ramp.
     explained: f32,
-    /// True if the window with the ramp is so short that a target hardly comes to rest in it.
+    /// True if the frames follow each other so fast that a target that stands counts.
     brief: bool,
     /// Time for which the stage has to stand, ms.
     rest_ms: f32,
@@ -164,7 +164,7 @@ impl Trial {
                         true => window.explained(),
                         false => 0.0,
                     },
-                    brief: window.span_ms < STANDS_MS,
+                    brief: window.span_ms < STANDS_MS * window.frames(),
                     rest_ms: 0.9 * within(ms, LEAST_MS, MOST_MS),
                 };
                 self.moving = Some(moving);
