@@ -416,7 +416,8 @@ impl Watch {
                     return Advice::Fail(case.fault());
                 }
                 self.case = Some(case);
-                self.restart = Some(Restart::new(sample, &window, still));
+                // A stage that stays near would make a target that goes on a following error.
+                self.restart = (!lost).then(|| Restart::new(sample, &window, still));
                 self.free = 0;
                 self.quiet_until = at;
             }
