@@ -12,6 +12,9 @@
 //!
 //! The covariance of the pose is inflated for windows that overlap, as that of a displacement.
 
+mod consensus;
+mod predictor;
+
 use super::active_cameras::{self, ActiveCameras};
 use super::camera_refusal::{self, CameraRefusal};
 use super::displacement_search::DisplacementSearch;
@@ -21,14 +24,15 @@ use super::variance_inflation::VarianceInflation;
 use super::{Correspondence, FilteredFrameSet, Flow, FlowRefusal};
 use crate::images::FrameSet;
 use crate::matching::geometry::RigGeometry;
-use crate::matching::lucas_kanade::PlaneWarp;
 use crate::matching::pyramid::Pyramid;
-use crate::matching::stereo::{self, StereoMatch};
+use crate::matching::stereo::StereoMatch;
 use crate::matching::zncc::ZnccPlane;
 use crate::matching::{Reject, RejectCounts};
 use crate::rigid;
-use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
-use trinocular_core::estimate::pose::{self, Estimate, Observation};
+use consensus::{RigidConsensus, moved};
+use nalgebra::Vector3;
+use predictor::{Predictor, Surface};
+use trinocular_core::estimate::pose::{Estimate, Observation};
 use trinocular_core::rig::Rig;
 use trinocular_core::sums::View;
 
@@ -38,15 +42,9 @@ const ROUNDS: usize = 2;
 const TURN_DEG: f64 = 2.0;
 /// Number of steps in either direction.
 const TURNS: u32 = 8;
-/// Rounds of a consensus.
-const MAX_ROUNDS: usize = 8;
-/// Ratio of the inlier limit to the median residual.
-const INLIER_MEDIANS: f64 = 3.0;
 /// Least limit of an inlier's residual in the first consensus, px: windows that are not turned yet
 /// are followed less well.
 const ROUGH_INLIER_PX: f64 = 0.5;
-/// Half of the distance over which the change of an image is measured, px.
-const STEP_PX: f64 = 4.0;
 
 /// Displacement and rotation of the target since the keyframe, and its points.
 #[derive(Clone, Debug)]
@@ -357,183 +355,6 @@ impl Tracks {
             expected: self.expected(keyframe),
             median_px,
         }
-    }
-}
-
-/// Points that move as one rigid target.
-struct RigidConsensus {
-    pose: Estimate,
-    /// Flags of the tracks that are inliers.
-    inliers: Vec<bool>,
-    /// Median residual of all tracks, px.
-    median_px: f64,
-}
-
-impl RigidConsensus {
-    /// Finds the inliers from the pose `start` on. Residuals up to `least_px` never make an
-    /// outlier.
-    fn of(geometry: &RigGeometry, tracks: &Tracks, start: Estimate, least_px: f64) -> Option<Self> {
-        let observe = |point: &Correspondence| Observation::new(&geometry.arms, &point.views);
-        let observed: Vec<Option<Observation>> = tracks.points.iter().map(observe).collect();
-        let mut pose = start;
-        let mut consensus: Option<Self> = None;
-        for _ in 0..MAX_ROUNDS {
-            let residuals = observed.iter().map(|observed| {
-                let residual = observed.map(|o| residual_px(geometry, &pose, &o));
-                residual
-                    .filter(|px| px.is_finite())
-                    .unwrap_or(f64::INFINITY)
-            });
-            let residuals: Vec<f64> = residuals.collect();
-            let mut sorted = residuals.clone();
-            let middle = sorted.len() / 2;
-            let (_, median_px, _) = sorted.select_nth_unstable_by(middle, f64::total_cmp);
-            let median_px = *median_px;
-            let limit = (INLIER_MEDIANS * median_px).max(least_px);
-            let inliers: Vec<bool> = residuals.iter().map(|px| *px <= limit).collect();
-            if let Some(converged) = consensus.as_mut().filter(|c| c.inliers == inliers) {
-                converged.median_px = median_px;
-                break;
-            }
-            let kept = observed.iter().zip(&inliers);
-            let kept = kept.filter_map(|(observed, is_inlier)| observed.filter(|_| *is_inlier));
-            pose = pose::solve(&geometry.arms, &kept.collect::<Vec<_>>()).ok()?;
-            consensus = Some(Self {
-                pose,
-                inliers,
-                median_px,
-            });
-        }
-        consensus
-    }
-}
-
-/// Computes the residual of a point against a pose: root mean square over cameras and axes, px.
-fn residual_px(geometry: &RigGeometry, pose: &Estimate, observed: &Observation) -> f64 {
-    let Some(expected) = moved(geometry, pose, observed.start) else {
-        return f64::INFINITY;
-    };
-    let [x, y, rho] = [0, 1, 2].map(|i| observed.end[i] - expected[i]);
-    let count = geometry.cameras() as f64;
-    let squares = count * (x * x + y * y) + geometry.arms.arms_squared_mm2() * rho * rho;
-    geometry.focal_px * (squares / (2.0 * count)).sqrt()
-}
-
-/// Returns where the pose puts a point: direction and inverse depth about the mean camera. `None`
-/// if it is not in front of the cameras.
-fn moved(geometry: &RigGeometry, pose: &Estimate, [x, y, rho]: [f64; 3]) -> Option<[f64; 3]> {
-    let [cx, cy] = geometry.arms.centre_mm();
-    let [x, y, z] = pose.apply([x / rho + cx, y / rho + cy, 1.0 / rho]);
-    (z > 0.0).then(|| [(x - cx) / z, (y - cy) / z, 1.0 / z])
-}
-
-/// Plane of all points at the keyframe, `ρ = a + b α + c β`: planes in space are planes in
-/// direction and inverse depth, too.
-#[derive(Clone, Copy)]
-struct Surface([f64; 3]);
-
-impl Surface {
-    fn of(matches: &[StereoMatch]) -> Self {
-        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-        for StereoMatch { ray, .. } in matches {
-            let row = Vector3::new(1.0, ray.direction[0], ray.direction[1]);
-            normal += row * row.transpose();
-            right += row * ray.inverse_depth;
-        }
-        let solved = normal.cholesky().map(|normal| normal.solve(&right));
-        Self(solved.map_or([0.0; 3], Into::into))
-    }
-
-    /// Returns the slope of inverse depth at a point, on a plane through it that is parallel.
-    fn slope(&self, [alpha, beta]: [f64; 2], rho: f64) -> [f64; 2] {
-        let Self([a, b, c]) = *self;
-        let there = a + b * alpha + c * beta;
-        let scale = if there > 0.0 { rho / there } else { 0.0 };
-        [scale * b, scale * c]
-    }
-}
-
-/// Prediction of places and windows by a pose.
-struct Predictor<'a> {
-    geometry: &'a RigGeometry,
-    pose: &'a Estimate,
-    slope: Surface,
-}
-
-impl Predictor<'_> {
-    /// Tracks one point in all cameras with turned windows, and checks that the cameras see one
-    /// point.
-    fn track(
-        &self,
-        matcher: &TemporalMatcher<'_>,
-        matched: &StereoMatch,
-    ) -> Result<Correspondence, Reject> {
-        let cameras = self.geometry.cameras();
-        let mut pixels = Vec::with_capacity(cameras);
-        let mut views = Vec::with_capacity(cameras);
-        for k in 0..cameras {
-            let at = matched.pixels[k];
-            let to = self.to(k, matched, at).ok_or(Reject::OutOfView)?;
-            let warp = self.warp(k, matched, at).ok_or(Reject::OutOfView)?;
-            let found = matcher.track_turned(k, at, to, &warp)?;
-            pixels.push([at, found]);
-            views.push(View {
-                start: matched.normalised[k],
-                end: self.geometry.normalise(k, found),
-            });
-        }
-        let ends: Vec<[f64; 2]> = views.iter().map(|v| v.end).collect();
-        stereo::check(self.geometry, &matcher.settings.matching, &ends)?;
-        Ok(Correspondence { pixels, views })
-    }
-
-    /// Returns where the pose puts the pixel `at` of camera `k`, on the surface of a matched point.
-    fn to(&self, k: usize, matched: &StereoMatch, at: [f64; 2]) -> Option<[f64; 2]> {
-        let arm = self.geometry.arms.arms_mm()[k];
-        let ray = &matched.ray;
-        let slope = self.slope.slope(ray.direction, ray.inverse_depth);
-        // ρ = ρ0 + slope (α - α0) with α = ξ + ρ arm.
-        let xi = self.geometry.normalise(k, at);
-        let own = matched.normalised[k];
-        let along: f64 = (0..2).map(|i| slope[i] * (xi[i] - own[i])).sum();
-        let across: f64 = (0..2).map(|i| slope[i] * arm[i]).sum();
-        let rho = ray.inverse_depth + along / (1.0 - across);
-        let start = [xi[0] + rho * arm[0], xi[1] + rho * arm[1], rho];
-        let [alpha, beta, rho] = moved(self.geometry, self.pose, start)?;
-        let end = [alpha - rho * arm[0], beta - rho * arm[1]];
-        Some(self.geometry.pixel(k, end))
-    }
-
-    /// Returns the window of the image now in the keyframe's image.
-    ///
-    /// Offsets of the keyframe are moved by `J δ / (1 + q·δ)`, which four places around the point
-    /// determine. The inverse is `J^-1 d / (1 - (q J^-1)·d)`.
-    fn warp(&self, k: usize, matched: &StereoMatch, at: [f64; 2]) -> Option<PlaneWarp> {
-        let centre = Vector2::from(self.to(k, matched, at)?);
-        let mut jacobian = Matrix2::zeros();
-        let mut shrink = Vector2::zeros();
-        for axis in 0..2 {
-            let off = |sign: f64| {
-                let mut place = at;
-                place[axis] += sign * STEP_PX;
-                Some(Vector2::from(self.to(k, matched, place)?) - centre)
-            };
-            let (ahead, behind) = (off(1.0)?, off(-1.0)?);
-            let lengths = [behind.norm(), ahead.norm()];
-            let share = (lengths[0] - lengths[1]) / (lengths[0] + lengths[1]);
-            shrink[axis] = share / STEP_PX;
-            let column = 0.5 * (ahead * (1.0 + share) - behind * (1.0 - share)) / STEP_PX;
-            jacobian.set_column(axis, &column);
-        }
-        // The back of a surface is not seen.
-        let inverse = jacobian
-            .try_inverse()
-            .filter(|inverse| inverse.determinant() > 0.0)?;
-        let shrink = -inverse.transpose() * shrink;
-        Some(PlaneWarp {
-            linear: [0, 1].map(|i| [0, 1].map(|j| inverse[(i, j)] as f32)),
-            shrink: [0, 1].map(|i| shrink[i] as f32),
-        })
     }
 }
 

@@ -1,0 +1,125 @@
+//! Prediction of places and windows by a pose, for a surface of many points.
+
+use super::consensus::moved;
+use crate::flow::Correspondence;
+use crate::flow::temporal::TemporalMatcher;
+use crate::matching::Reject;
+use crate::matching::geometry::RigGeometry;
+use crate::matching::lucas_kanade::PlaneWarp;
+use crate::matching::stereo::{self, StereoMatch};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use trinocular_core::estimate::pose::Estimate;
+use trinocular_core::sums::View;
+
+/// Half of the distance over which the change of an image is measured, px.
+const STEP_PX: f64 = 4.0;
+
+/// Plane of all points at the keyframe, `ρ = a + b α + c β`: planes in space are planes in
+/// direction and inverse depth, too.
+#[derive(Clone, Copy)]
+pub(super) struct Surface([f64; 3]);
+
+impl Surface {
+    pub fn of(matches: &[StereoMatch]) -> Self {
+        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        for StereoMatch { ray, .. } in matches {
+            let row = Vector3::new(1.0, ray.direction[0], ray.direction[1]);
+            normal += row * row.transpose();
+            right += row * ray.inverse_depth;
+        }
+        let solved = normal.cholesky().map(|normal| normal.solve(&right));
+        Self(solved.map_or([0.0; 3], Into::into))
+    }
+
+    /// Returns the slope of inverse depth at a point, on a plane through it that is parallel.
+    fn slope(&self, [alpha, beta]: [f64; 2], rho: f64) -> [f64; 2] {
+        let Self([a, b, c]) = *self;
+        let there = a + b * alpha + c * beta;
+        let scale = if there > 0.0 { rho / there } else { 0.0 };
+        [scale * b, scale * c]
+    }
+}
+
+/// Prediction of places and windows by a pose.
+pub(super) struct Predictor<'a> {
+    pub geometry: &'a RigGeometry,
+    pub pose: &'a Estimate,
+    pub slope: Surface,
+}
+
+impl Predictor<'_> {
+    /// Tracks one point in all cameras with turned windows, and checks that the cameras see one
+    /// point.
+    pub fn track(
+        &self,
+        matcher: &TemporalMatcher<'_>,
+        matched: &StereoMatch,
+    ) -> Result<Correspondence, Reject> {
+        let cameras = self.geometry.cameras();
+        let mut pixels = Vec::with_capacity(cameras);
+        let mut views = Vec::with_capacity(cameras);
+        for k in 0..cameras {
+            let at = matched.pixels[k];
+            let to = self.to(k, matched, at).ok_or(Reject::OutOfView)?;
+            let warp = self.warp(k, matched, at).ok_or(Reject::OutOfView)?;
+            let found = matcher.track_turned(k, at, to, &warp)?;
+            pixels.push([at, found]);
+            views.push(View {
+                start: matched.normalised[k],
+                end: self.geometry.normalise(k, found),
+            });
+        }
+        let ends: Vec<[f64; 2]> = views.iter().map(|v| v.end).collect();
+        stereo::check(self.geometry, &matcher.settings.matching, &ends)?;
+        Ok(Correspondence { pixels, views })
+    }
+
+    /// Returns where the pose puts the pixel `at` of camera `k`, on the surface of a matched point.
+    fn to(&self, k: usize, matched: &StereoMatch, at: [f64; 2]) -> Option<[f64; 2]> {
+        let arm = self.geometry.arms.arms_mm()[k];
+        let ray = &matched.ray;
+        let slope = self.slope.slope(ray.direction, ray.inverse_depth);
+        // ρ = ρ0 + slope (α - α0) with α = ξ + ρ arm.
+        let xi = self.geometry.normalise(k, at);
+        let own = matched.normalised[k];
+        let along: f64 = (0..2).map(|i| slope[i] * (xi[i] - own[i])).sum();
+        let across: f64 = (0..2).map(|i| slope[i] * arm[i]).sum();
+        let rho = ray.inverse_depth + along / (1.0 - across);
+        let start = [xi[0] + rho * arm[0], xi[1] + rho * arm[1], rho];
+        let [alpha, beta, rho] = moved(self.geometry, self.pose, start)?;
+        let end = [alpha - rho * arm[0], beta - rho * arm[1]];
+        Some(self.geometry.pixel(k, end))
+    }
+
+    /// Returns the window of the image now in the keyframe's image.
+    ///
+    /// Offsets of the keyframe are moved by `J δ / (1 + q·δ)`, which four places around the point
+    /// determine. The inverse is `J^-1 d / (1 - (q J^-1)·d)`.
+    fn warp(&self, k: usize, matched: &StereoMatch, at: [f64; 2]) -> Option<PlaneWarp> {
+        let centre = Vector2::from(self.to(k, matched, at)?);
+        let mut jacobian = Matrix2::zeros();
+        let mut shrink = Vector2::zeros();
+        for axis in 0..2 {
+            let off = |sign: f64| {
+                let mut place = at;
+                place[axis] += sign * STEP_PX;
+                Some(Vector2::from(self.to(k, matched, place)?) - centre)
+            };
+            let (ahead, behind) = (off(1.0)?, off(-1.0)?);
+            let lengths = [behind.norm(), ahead.norm()];
+            let share = (lengths[0] - lengths[1]) / (lengths[0] + lengths[1]);
+            shrink[axis] = share / STEP_PX;
+            let column = 0.5 * (ahead * (1.0 + share) - behind * (1.0 - share)) / STEP_PX;
+            jacobian.set_column(axis, &column);
+        }
+        // The back of a surface is not seen.
+        let inverse = jacobian
+            .try_inverse()
+            .filter(|inverse| inverse.determinant() > 0.0)?;
+        let shrink = -inverse.transpose() * shrink;
+        Some(PlaneWarp {
+            linear: [0, 1].map(|i| [0, 1].map(|j| inverse[(i, j)] as f32)),
+            shrink: [0, 1].map(|i| shrink[i] as f32),
+        })
+    }
+}
