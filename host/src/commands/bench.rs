@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::frames::{Frames, RecordingInput, Rigged, rig_missing};
 use crate::commands::failure::Failure;
+use crate::commands::folder_input::PairOption;
 use clap::{Args, Subcommand};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -14,7 +15,6 @@ use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings, PipelineStage};
-use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 use trinocular_vision::images::{FrameSet, Image};
 use trinocular_vision::stage_timings::{StageTimings, with_fresh_keyframe, with_kept_keyframe};
 
@@ -50,6 +50,9 @@ struct FlowOptions {
     /// The rig file of the cameras that took the frame sets; a recording may hold it
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
+
+    #[command(flatten)]
+    pair: PairOption,
 
     #[command(flatten)]
     recording: RecordingInput,
@@ -138,25 +141,19 @@ fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
         let Rigged { frames, rig } = options.recording.open(&options.folder, rig)?;
         return Ok((rig.rig.clone(), recorded(options, &frames, &rig)?));
     }
-    let Some(RigFile { names, rig, .. }) = rig else {
+    let Some(file) = rig else {
         return Err(rig_missing("bench flow FOLDER --rig <RIG.toml>"));
     };
-    let folder = Folder::open(
-        &options.folder,
-        &names,
-        rig.image_size_px,
-        DEFAULT_PERIOD_US,
-    )?;
-    super::warnings::unread(folder.warnings());
-    let folder = folder.complete()?;
-    fits_memory(
-        &options.folder,
-        folder.len(),
-        names.len(),
-        rig.image_size_px,
-    )?;
-    let frame_sets = folder.frame_sets().collect::<Result<_, _>>()?;
-    Ok((rig, frame_sets))
+    let folder = options.pair.open(&options.folder, &file)?.complete()?;
+    let cameras = file.names.len();
+    let check = |count| fits_memory(&options.folder, count, cameras, file.rig.image_size_px);
+    check(folder.count().unwrap_or(0))?;
+    let mut frame_sets = Vec::new();
+    for frame_set in folder.frame_sets() {
+        frame_sets.push(frame_set?);
+        check(frame_sets.len())?;
+    }
+    Ok((file.rig, frame_sets))
 }
 
 /// Reads the whole frame sets of a recording.

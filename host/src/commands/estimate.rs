@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::frames::{RecordingInput, Rigged, rig_missing};
 use crate::commands::failure::Failure;
+use crate::commands::folder_input::PairOption;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use trinocular_core::estimate::Refusal;
@@ -15,7 +16,6 @@ use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::mistake::explain_keyframe;
 use trinocular_vision::flow::{Flow, FlowSettings};
 use trinocular_vision::images::FrameSet;
-use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 use trinocular_vision::points;
 use trinocular_vision::sums::Sums;
 
@@ -33,8 +33,10 @@ pub struct EstimateOptions {
     /// instant and now. A point that some camera has not seen is rejected and counted.
     ///
     /// Folder: one subfolder per camera, named as in the rig file, with equal file names for images
-    /// taken at the same instant (PNG, JPEG, PNM, TIFF, BMP or WebP). Colour becomes grey; values
-    /// of 16-bit files are scaled by the bits that they use. Frame sets are taken in the order of
+    /// taken at the same instant (PNG, JPEG, PNM, TIFF, BMP or WebP). Or all images in one folder,
+    /// each camera's name first (left1.png), or a TIFF stack (left.tif) or a Y4M video (left.y4m,
+    /// also a named pipe) per camera. Colour becomes grey; values of more than 8 bits are scaled by
+    /// the bits that they use. Frame sets are taken in the order of
     /// their names, in which numbers count as numbers. Frame 1 is the second frame set. If a
     /// camera's file is missing, the frame is measured without that camera, with a warning; if a
     /// file cannot be read, the frame is refused.
@@ -64,6 +66,9 @@ pub struct EstimateOptions {
     /// Print one JSON object per displacement and line
     #[arg(long, long_help = JSON_HELP)]
     json: bool,
+
+    #[command(flatten)]
+    pair: PairOption,
 
     #[command(flatten)]
     recording: RecordingInput,
@@ -212,13 +217,7 @@ fn run_folder<W: Write>(
     rig: &RigFile,
     printer: Printer<'_, W>,
 ) -> Result<(), Failure> {
-    let folder = Folder::open(
-        &options.input,
-        &rig.names,
-        rig.rig.image_size_px,
-        DEFAULT_PERIOD_US,
-    )?;
-    super::warnings::unread(folder.warnings());
+    let folder = options.pair.open(&options.input, rig)?;
     run_captures(options, rig, folder.frame_sets(), printer)
 }
 

@@ -22,6 +22,7 @@ mod estimate;
 mod experiment;
 mod export;
 pub mod failure;
+mod folder_input;
 mod frames;
 mod groups;
 mod hello;

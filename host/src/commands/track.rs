@@ -9,6 +9,7 @@ mod recorded;
 mod report;
 mod simulated;
 
+use super::folder_input::PairOption;
 use super::frames::{RecordingInput, rig_missing};
 use super::port::PortOption;
 use super::range;
@@ -44,7 +45,8 @@ pub struct Source {
     /// for one instant
     ///
     /// PNG, JPEG, PNM, TIFF, BMP or WebP, in the order of their names, in which numbers count as
-    /// numbers. If a camera's file is missing, the others carry on, and the row names that camera.
+    /// numbers. Or one folder with each camera's name first (left1.png), or a TIFF stack (left.tif)
+    /// or a Y4M video (left.y4m, also a named pipe) per camera; the rate of videos is used. If a camera's file is missing, the others carry on, and the row names that camera.
     /// Unreadable frame sets are skipped with a warning; the exit code is then 1. Or a recording
     /// (MCAP, ROS 2 bag), which may hold the rig, and whose frame rate is used.
     #[arg(long, value_name = "DIR", help_heading = SOURCE)]
@@ -180,6 +182,9 @@ pub struct TrackOptions {
 
     #[command(flatten)]
     report: report::TrackReport,
+
+    #[command(flatten, next_help_heading = "With --images")]
+    pair: PairOption,
 
     #[command(flatten)]
     recording: RecordingInput,
@@ -333,6 +338,12 @@ pub fn run(options: &TrackOptions, out: &mut impl Write) -> Result<(), Failure> 
         false => Ok(()),
     };
     let is_live = source.cameras.is_some();
+    let is_folder = source
+        .images
+        .as_deref()
+        .is_some_and(|path| !is_recording(path));
+    let has_rule = options.pair.rule().is_some();
+    goes_with("pair", has_rule, "--images and a folder", is_folder)?;
     goes_with(
         "idle",
         options.idle.is_some(),

@@ -24,6 +24,7 @@ pub mod cameras;
 pub mod decode;
 pub mod folder;
 pub mod render;
+pub mod series;
 mod spline;
 pub mod texture;
 
