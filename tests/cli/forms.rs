@@ -6,7 +6,7 @@ use std::path::Path;
 use trinocular_core::rig::Rig;
 use trinocular_rig::random::Random;
 
-use super::folder::grey_levels;
+use super::folder::{AT_REST, desk_with_views, grey_levels};
 use super::{Desk, Outcome, run};
 
 const CAMERAS: [&str; 3] = ["left", "middle", "right"];
@@ -66,7 +66,7 @@ impl Shots {
         } else {
             format!("mono{bits}")
         };
-        let mut video = format!("YUV4MPEG2 W{width} H{height} F50:1 Ip C{colours}\n").into_bytes();
+        let mut video = format!("YUV4MPEG2 W{width} H{height} F25:1 Ip C{colours}\n").into_bytes();
         for shot in 0..MOVES_MM.len() {
             video.extend(b"FRAME\n");
             video.extend(self.bytes((camera, shot), bits, true));
@@ -185,6 +185,124 @@ fn every_form_gives_the_same_displacement() {
     for form in ["flat", "stack12", "video12"] {
         read_by_all(desk, form);
     }
+}
+
+#[test]
+fn rows_say_what_they_know() {
+    let desk = desk_with_views(&[AT_REST, Some([4.0, 4.0, 1.0]), None, Some([2.0, 0.0, 0.0])]);
+    let all = |command: &[&str], form: &str| {
+        let arguments = [command, &["views", "--rig", "rig.toml", form]].concat();
+        run(desk.folder.path(), &arguments)
+    };
+    for command in [&["estimate"][..], &["track", "--images"]] {
+        let rows = all(command, "--json").json();
+        let table = all(command, "--csv").stdout;
+        let mut lines = table.lines();
+        let header: Vec<&str> = lines.next().expect("a header").split(',').collect();
+        let cells = |line: &'_ str| line.split(',').map(str::to_owned).collect::<Vec<_>>();
+        let cells: Vec<Vec<String>> = lines.map(cells).collect();
+        assert_eq!((rows.len(), cells.len()), (3, 3));
+        let cell = |row: usize, name: &str| {
+            let column = header.iter().position(|column| *column == name);
+            cells[row][column.expect("a column")].clone()
+        };
+        for row in [0, 2] {
+            let known = &rows[row];
+            let [sigma, moved] = ["sigma_mm", "displacement_mm"].map(|key| vector(known, key));
+            let variance = known["covariance_mm2"][2][2].as_f64().expect("a variance");
+            assert!((variance.sqrt() / sigma[2] - 1.0).abs() < 0.02, "{known}");
+            for (key, number) in [("x_mm", moved[0]), ("sigma_z_mm", sigma[2])] {
+                assert_eq!(cell(row, key), number.to_string(), "{table}");
+            }
+            for key in ["points", "rejected"] {
+                assert_eq!(cell(row, key), known[key].to_string(), "{table}");
+            }
+        }
+        // The dark frame set has a reason in place of the numbers.
+        let refused = rows[1]["refused"].as_str().expect("a reason");
+        assert!(
+            cells[1].join(",").contains(refused) && cell(1, "x_mm").is_empty(),
+            "{table}"
+        );
+    }
+    let track = all(&["track", "--images"], "--json").json();
+    assert!(track[0]["latency_ms"].as_f64().is_some_and(|ms| ms > 0.0));
+    let text = run(
+        desk.folder.path(),
+        &["track", "--images", "views", "--rig", "rig.toml"],
+    );
+    assert!(text.stdout.contains("used, sigma 0.00") && text.stdout.contains(" points, "));
+}
+
+#[test]
+fn saturated_images_are_named_in_rows() {
+    let desk = desk_with_views(&[AT_REST, Some([1.0, 0.0, 0.0])]);
+    let path = desk.path("views/left/0001.pgm");
+    let mut pgm = fs::read(&path).expect("ours");
+    let end = pgm.len();
+    pgm[end - 1600..].fill(255);
+    fs::write(&path, pgm).expect("ours");
+    for command in [&["estimate"][..], &["track", "--images"]] {
+        let arguments = [command, &["views", "--rig", "rig.toml", "--json"]].concat();
+        let outcome = run(desk.folder.path(), &arguments);
+        let row = &outcome.json()[0];
+        let warning = row["warnings"][0].as_str().expect("a warning");
+        assert!(
+            warning.starts_with("camera left has ") && warning.contains("saturated"),
+            "{row}"
+        );
+        assert_eq!(
+            outcome.stderr.matches("saturated").count(),
+            1,
+            "{}",
+            outcome.stderr
+        );
+    }
+}
+
+#[test]
+fn regions_restrict_points() {
+    let desk = desk_with_views(&[AT_REST, Some([4.0, 4.0, 1.0])]);
+    let [width, height] = Rig::paper().image_size_px;
+    let mask: Vec<u8> = (0..width * height)
+        .map(|pixel| if pixel / width < height / 2 { 255 } else { 0 })
+        .collect();
+    let head = format!("P5\n{width} {height}\n255\n").into_bytes();
+    desk.write("mask.pgm", [head, mask].concat());
+    let estimate = |more: &[&str]| {
+        let arguments = ["estimate", "views", "--rig", "rig.toml", "--json"];
+        run(desk.folder.path(), &[&arguments[..], more].concat())
+    };
+    let points = |more: &[&str]| {
+        let outcome = estimate(more);
+        assert_eq!(outcome.code, Some(0), "{more:?}: {}", outcome.stderr);
+        let row = &outcome.json()[0];
+        assert!(
+            (vector(row, "displacement_mm")[0] - 4.0).abs() < 0.05,
+            "{row}"
+        );
+        row["points"].as_u64().expect("a number")
+    };
+    let all = points(&[]);
+    let half = format!("0,0,{},{height}", width / 2);
+    let restricted = [
+        points(&["--roi", &half]),
+        points(&["--roi", &format!("middle={half}")]),
+        points(&["--mask", "mask.pgm"]),
+        points(&["--mask", "right=mask.pgm"]),
+    ];
+    for count in restricted {
+        assert!(count < all * 4 / 5, "{restricted:?} of {all}");
+    }
+    estimate(&["--roi", "0,0,9999,10"]).failed(2, &["0,0,9999,10", "beyond the image"]);
+    estimate(&["--roi", "rear=0,0,99,99"]).failed(2, &["rear", "left, middle, right"]);
+    let wrong = estimate(&["--roi", "0,0,99"]);
+    assert!(wrong.code == Some(2) && wrong.stderr.contains("X,Y,WIDTH,HEIGHT"));
+    estimate(&["--mask", "none.pgm"]).failed(1, &["none.pgm"]);
+    let track = [
+        "track", "--images", "views", "--rig", "rig.toml", "--roi", &half,
+    ];
+    assert_eq!(run(desk.folder.path(), &track).code, Some(0));
 }
 
 fn read_by_all(desk: &Path, form: &str) {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::frames::{Frames, RecordingInput, Rigged, rig_missing};
+use super::region::RegionOption;
 use crate::commands::failure::Failure;
 use crate::commands::folder_input::PairOption;
 use clap::{Args, Subcommand};
@@ -53,6 +54,9 @@ struct FlowOptions {
 
     #[command(flatten)]
     pair: PairOption,
+
+    #[command(flatten)]
+    region: RegionOption,
 
     #[command(flatten)]
     recording: RecordingInput,
@@ -114,7 +118,8 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
     };
     let refused =
         |refusal: FlowRefusal| Failure::Images(format!("{}: {refusal}", options.folder.display()));
-    let flow = Flow::new(&rig, settings).map_err(refused)?;
+    let mut flow = Flow::new(&rig.rig, settings).map_err(refused)?;
+    flow.set_regions(options.region.regions(&rig)?);
     let mut timing = Timing::default();
     for _ in 0..options.repeat {
         timing.go_through(&flow, &frame_sets);
@@ -122,7 +127,7 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
     if let (Some(refusal), true) = (timing.refusal.take(), timing.sets.is_empty()) {
         return Err(refused(refusal));
     }
-    let report = timing.report(options, &rig, frame_sets.len());
+    let report = timing.report(options, &rig.rig, frame_sets.len());
     if options.json {
         super::json::line(out, &report)?;
     } else {
@@ -132,14 +137,15 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
 }
 
 /// Reads the rig file and all frame sets of the folder.
-fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
+fn open(options: &FlowOptions) -> Result<(RigFile, Vec<FrameSet>), Failure> {
     let rig = options.rig.as_deref().map(RigFile::read).transpose()?;
     if let (Some(path), Some(rig)) = (&options.rig, &rig) {
         super::warnings::rig(path, rig);
     }
     if is_recording(&options.folder) {
         let Rigged { frames, rig } = options.recording.open(&options.folder, rig)?;
-        return Ok((rig.rig.clone(), recorded(options, &frames, &rig)?));
+        let sets = recorded(options, &frames, &rig)?;
+        return Ok((rig, sets));
     }
     let Some(file) = rig else {
         return Err(rig_missing("bench flow FOLDER --rig <RIG.toml>"));
@@ -153,7 +159,7 @@ fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
         frame_sets.push(frame_set?);
         check(frame_sets.len())?;
     }
-    Ok((file.rig, frame_sets))
+    Ok((file, frame_sets))
 }
 
 /// Reads the whole frame sets of a recording.

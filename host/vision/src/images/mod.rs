@@ -22,6 +22,7 @@
 
 pub mod cameras;
 pub mod decode;
+pub mod exposure;
 pub mod folder;
 pub mod render;
 pub mod series;

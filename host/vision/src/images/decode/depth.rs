@@ -125,10 +125,20 @@ mod tests {
             assert!(same.into_iter().all(|(a, b)| u16::from(*a) == *b), "{bits}");
         }
         assert_eq!(picture(vec![5000]).scaled(12).grey, [255]);
-        for (bits, factor) in [(16, 257.0), (16, 256.0), (12, 4095.0 / 255.0), (10, 1023.0 / 255.0)] {
-            let wide = eight.iter().map(|grey| (f64::from(*grey) * factor).round() as u16);
+        for (bits, factor) in [
+            (16, 257.0),
+            (16, 256.0),
+            (12, 4095.0 / 255.0),
+            (10, 1023.0 / 255.0),
+        ] {
+            let wide = eight
+                .iter()
+                .map(|grey| (f64::from(*grey) * factor).round() as u16);
             let scaled = picture(wide.collect()).scaled(bits);
-            assert!(scaled.grey.iter().copied().eq(0..=255), "{bits} bits, times {factor}");
+            assert!(
+                scaled.grey.iter().copied().eq(0..=255),
+                "{bits} bits, times {factor}"
+            );
         }
     }
 
