@@ -243,7 +243,11 @@ fn run_points<W: Write>(
             .warnings
             .push(format!("{more} more rows do not fit the others"));
     }
-    let sums = Sums::new(&rig.rig, &points.correspondences);
+    printer.warnings.extend(points.contradiction.clone());
+    let sums = Sums::new(&rig.rig, &points.correspondences).map(|mut sums| {
+        sums.centred.overlap *= points.variance_inflation;
+        sums
+    });
     printer.sums(sums, points.correspondences.len(), points.rejected)?;
     printer.finish()
 }

@@ -50,8 +50,8 @@ pub struct Source {
     ///
     /// PNG, JPEG, PNM, TIFF, BMP or WebP, in the order of their names, in which numbers count as
     /// numbers. Or one folder with each camera's name first (left1.png), or a TIFF stack (left.tif)
-    /// or a Y4M video (left.y4m, also a named pipe) per camera; the rate of videos is used. If a camera's file is missing, the others carry on, and the row names that camera.
-    /// Unreadable frame sets are skipped with a warning; the exit code is then 1. Or a recording
+    /// or a Y4M video (left.y4m, also a named pipe) per camera; the rate of videos is used. If a
+    /// camera's file is missing, the others carry on, and the row names that camera. Unreadable frame sets are skipped with a warning; the exit code is then 1. Or a recording
     /// (MCAP, ROS 2 bag), which may hold the rig, and whose frame rate is used.
     #[arg(long, value_name = "DIR", help_heading = SOURCE)]
     images: Option<PathBuf>,

@@ -9,8 +9,8 @@
 //! PNG, JPEG, PNM, TIFF, BMP and WebP files are read. Values of 16-bit files are scaled by the bits
 //! that the frame sets use, all images of a frame set alike. Images in other formats are named
 //! once and skipped; hidden files and all others are skipped. A name of an image that is not a file
-//! (a pipe, a folder, a dangling link) is an unreadable image. Colour is converted to grey by its luminance. Frame sets
-//! come in the order of their names, in which numbers count as numbers: `view9.png` comes before
+//! (a pipe, a folder, a dangling link) is an unreadable image. Colour is converted to grey by its
+//! luminance. Frame sets come in the order of their names, in which numbers count as numbers: `view9.png` comes before
 //! `view10.png`.
 //!
 //! A camera may lack some files, for instance after it failed while the others went on; its images

@@ -51,7 +51,7 @@ impl Header {
             let value = letters.as_str();
             let number = |text: &str| {
                 let number = text.parse::<u32>();
-                number.map_err(|_| format!("`{field}` in its header is no number"))
+                number.map_err(|_| format!("`{field}` in its header is not a number"))
             };
             match kind {
                 Some('W') => size_px[0] = number(value)?,
