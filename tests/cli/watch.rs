@@ -118,7 +118,11 @@ fn bad_or_missing_files_are_named() {
         let said = "refused: views/right/0001.pgm: cannot read the image";
         assert!(outcome.stderr.contains(said), "{}", outcome.stderr);
         assert_eq!(outcome.stdout.lines().count(), 2, "{}", outcome.stdout);
-        assert!(outcome.stdout.contains("  used, sigma "), "{}", outcome.stdout);
+        assert!(
+            outcome.stdout.contains("  used, sigma "),
+            "{}",
+            outcome.stdout
+        );
     }
     // An unreadable first one ends it, because the others are measured against it.
     let first = fs::read(desk.path("views/right/0000.pgm")).expect("it was drawn");

@@ -17,6 +17,9 @@ const LEAST_NOISE_PX: f64 = 0.05;
 /// Miss in multiples of the noise that noise alone explains.
 const BY_NOISE: f64 = 4.0;
 
+/// Least number of points: fewer do not show their noise.
+const LEAST_POINTS: usize = 4;
+
 /// Points that fit the rig.
 #[derive(Clone, Debug)]
 pub(super) struct Judged {
@@ -30,7 +33,8 @@ pub(super) struct Judged {
 
 /// Rejects the points that contradict the rig.
 pub(super) fn judge(rig: &Rig, points: Vec<Correspondence>) -> Judged {
-    let Some(geometry) = RigGeometry::new(rig) else {
+    let geometry = RigGeometry::new(rig).filter(|_| points.len() >= LEAST_POINTS);
+    let Some(geometry) = geometry else {
         return Judged {
             kept: points,
             variance_inflation: 1.0,

@@ -184,7 +184,7 @@ fn bad_xml_is_refused_by_line() {
     let error = parse(&XML.replace("533. 234.5", "533. x")).unwrap_err();
     assert_eq!(error.line, Some(13), "{error}");
     assert_eq!(error.field.as_deref(), Some("camera_matrix.data[5]"));
-    let error = parse(&XML.replace("image_width", "width")).unwrap_err();
+    let error = parse(&XML.replace("image_width", "wide")).unwrap_err();
     assert!(error.to_string().contains("image_width"), "{error}");
     let error = parse(&XML.replace("opencv_storage", "html")).unwrap_err();
     assert!(error.reason.contains("opencv_storage"), "{error}");
@@ -270,13 +270,7 @@ fn bad_values_are_refused_by_line() {
         "image_width",
         "from 8",
     );
-    refused(
-        "image_width: 640",
-        "width: 640",
-        3,
-        "image_width",
-        "missing",
-    );
+    refused("image_width: 640", "wide: 640", 3, "image_width", "missing");
     refused(
         "   rows: 3",
         "   rows: 4",
