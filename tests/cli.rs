@@ -12,6 +12,8 @@ mod cameras;
 mod files;
 #[path = "cli/folder.rs"]
 mod folder;
+#[path = "cli/forms.rs"]
+mod forms;
 #[cfg(unix)]
 #[path = "cli/inputs.rs"]
 mod inputs;

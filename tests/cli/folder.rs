@@ -38,18 +38,27 @@ fn blot(x: f64, y: f64, seed: i64) -> f64 {
 }
 
 /// Renders a camera's image of the poster after its displacement, as a binary PGM.
-fn view(camera: &Camera, [width, height]: [u32; 2], moved_mm: [f64; 3]) -> Vec<u8> {
+fn view(camera: &Camera, size_px: [u32; 2], moved_mm: [f64; 3]) -> Vec<u8> {
+    let [width, height] = size_px;
     let mut pgm = format!("P5\n{width} {height}\n255\n").into_bytes();
+    let levels = grey_levels(camera, size_px, moved_mm).into_iter();
+    pgm.extend(levels.map(|grey| grey.round().clamp(0.0, 255.0) as u8));
+    pgm
+}
+
+/// Renders a camera's image of the poster after its displacement, row by row.
+pub fn grey_levels(camera: &Camera, [width, height]: [u32; 2], moved_mm: [f64; 3]) -> Vec<f64> {
+    let mut levels = Vec::new();
     let depth = DEPTH_MM + moved_mm[2];
     for row in 0..height {
         for column in 0..width {
             let [xi, eta] = camera.normalise([f64::from(column), f64::from(row)]);
             let x = xi * depth + camera.offset_mm[0] - moved_mm[0];
             let y = eta * depth + camera.offset_mm[1] - moved_mm[1];
-            pgm.push(poster(x, y).round().clamp(0.0, 255.0) as u8);
+            levels.push(poster(x, y));
         }
     }
-    pgm
+    levels
 }
 
 fn blank([width, height]: [u32; 2]) -> Vec<u8> {

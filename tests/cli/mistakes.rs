@@ -330,18 +330,36 @@ fn calibrate_stage_names_its_sources() {
 }
 
 #[test]
-fn other_file_endings_are_named() {
+fn other_names_are_named_with_way_out() {
     let desk = desk_with_views(&STILL);
     let right = desk.path("views/right");
     for file in fs::read_dir(&right).expect("ours") {
         let path = file.expect("ours").path();
         fs::rename(&path, path.with_extension("pnm")).expect("ours");
     }
-    let outcome = run(
-        desk.folder.path(),
-        &["estimate", "views", "--rig", "rig.toml"],
+    let estimate = ["estimate", "views", "--rig", "rig.toml"];
+    let outcome = run(desk.folder.path(), &estimate);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    assert!(
+        outcome.stderr.contains("endings aside"),
+        "{}",
+        outcome.stderr
     );
-    outcome.failed(1, &["`left` end in .pgm", "`right` in .pnm", "convert"]);
+    for (number, file) in fs::read_dir(&right).expect("ours").enumerate() {
+        let path = file.expect("ours").path();
+        let letter = ["a", "b", "c", "d", "e"][number];
+        fs::rename(&path, path.with_file_name(letter).with_extension("pnm")).expect("ours");
+    }
+    let outcome = run(desk.folder.path(), &estimate);
+    let way_out = ["`left` end in .pgm", "`right` in .pnm", "--pair order"];
+    outcome.failed(1, &way_out);
+    let ordered = [&estimate[..], &["--pair", "order"]].concat();
+    let outcome = run(desk.folder.path(), &ordered);
+    assert!(
+        outcome.stderr.contains("frame sets by their order"),
+        "{}",
+        outcome.stderr
+    );
 }
 
 #[test]

@@ -138,9 +138,9 @@ fn json_line_has_documented_keys() {
     ] {
         assert!(outcome.stdout.contains(part), "{}", outcome.stdout);
     }
-    assert_eq!(outcome.json()[0].as_object().map(|o| o.len()), Some(10));
+    assert_eq!(outcome.json()[0].as_object().map(|o| o.len()), Some(11));
     let alone = Desk::new().estimate(&["--json", "--rotation", "refuse"]);
-    assert_eq!(alone.json()[0].as_object().map(|o| o.len()), Some(7));
+    assert_eq!(alone.json()[0].as_object().map(|o| o.len()), Some(8));
 }
 
 #[test]
@@ -180,6 +180,30 @@ fn points_missing_in_a_camera_are_counted() {
         assert_eq!([&line["points"], &line["rejected"]], [&json!(3), &json!(2)]);
         let [x, _, _] = numbers::<3>(&line["displacement_mm"]);
         assert!((x - 1.0).abs() < TOLERANCE_MM, "{x}");
+    }
+}
+
+#[test]
+fn points_off_the_rig_are_rejected() {
+    let desk = Desk::new();
+    let lower = |row: &str| match row.split(',').collect::<Vec<_>>().as_slice() {
+        [id, "right", x0, y0, x1, y1] => {
+            let [y0, y1] = [y0, y1].map(|y| y.parse::<f64>().expect("a number") + 13.0);
+            format!("{id},right,{x0},{y0},{x1},{y1}")
+        }
+        _ => row.to_owned(),
+    };
+    let rows: Vec<String> = desk.read("points.csv").lines().map(lower).collect();
+    desk.write("points.csv", rows.join("\n") + "\n");
+    let arguments = ["estimate", "points.csv", "--rig", "rig.toml", "--json"];
+    let outcome = run(desk.folder.path(), &arguments);
+    assert_eq!(outcome.code, Some(1), "{}", outcome.stderr);
+    let refused = outcome.json()[0]["refused"]
+        .as_str()
+        .expect("a reason")
+        .to_owned();
+    for part in ["0 points, 5 rejected", "5 of 5 points contradict the rig"] {
+        assert!(refused.contains(part), "{refused}");
     }
 }
 

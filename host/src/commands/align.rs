@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crate::commands::failure::Failure;
+use crate::commands::folder_input::PairOption;
 use clap::Args;
 use trinocular::report::{Cell, Table};
 use trinocular_rig::error::InputError;
@@ -15,7 +16,6 @@ use trinocular_vision::alignment::{
 };
 use trinocular_vision::flow::mistake::hint;
 use trinocular_vision::images::FrameSet;
-use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 
 /// Correct a rig's principal points from images of any textured scene
 ///
@@ -33,7 +33,8 @@ use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct AlignOptions {
-    /// A folder of frame sets: one subfolder per camera, equal file names, as for `estimate`
+    /// A folder of frame sets: one subfolder per camera, equal file names, or a stack or video per
+    /// camera, as for `estimate`
     ///
     /// One frame set of a scene that fills the images with texture is enough; several make it
     /// better.
@@ -52,6 +53,9 @@ pub struct AlignOptions {
     /// Replace the file given by --out if it exists
     #[arg(long, requires = "out")]
     force: bool,
+
+    #[command(flatten)]
+    pair: PairOption,
 
     /// Distance of a flat target, mm, along the axis of the camera in the middle, if it is known
     ///
@@ -129,11 +133,12 @@ fn settings(options: &AlignOptions) -> Result<AlignmentSettings, Failure> {
 }
 
 fn captures(options: &AlignOptions, rig: &RigFile) -> Result<Vec<FrameSet>, InputError> {
-    let size_px = rig.rig.image_size_px;
-    let folder =
-        Folder::open(&options.captures, &rig.names, size_px, DEFAULT_PERIOD_US)?.complete()?;
-    super::warnings::unread(folder.warnings());
-    let (all, most) = (folder.len(), usize::from(options.most));
+    let folder = options.pair.open(&options.captures, rig)?.complete()?;
+    let most = usize::from(options.most);
+    let Some(all) = folder.count() else {
+        // The number of frame sets from pipes is unknown.
+        return folder.frame_sets().take(most).collect();
+    };
     let used = all.min(most);
     let chosen: Vec<usize> = (0..used).map(|i| i * all / used).collect();
     (folder.frame_sets().enumerate())

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::frames::{Frames, RecordingInput, Rigged, rig_missing};
+use super::region::RegionOption;
 use crate::commands::failure::Failure;
+use crate::commands::folder_input::PairOption;
 use clap::{Args, Subcommand};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -14,7 +16,6 @@ use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::{Flow, FlowRefusal, FlowSettings, PipelineStage};
-use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 use trinocular_vision::images::{FrameSet, Image};
 use trinocular_vision::stage_timings::{StageTimings, with_fresh_keyframe, with_kept_keyframe};
 
@@ -51,6 +52,12 @@ struct FlowOptions {
     /// The rig file of the cameras that took the frame sets; a recording may hold it
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
+
+    #[command(flatten)]
+    pair: PairOption,
+
+    #[command(flatten)]
+    region: RegionOption,
 
     #[command(flatten)]
     recording: RecordingInput,
@@ -113,7 +120,8 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
     };
     let refused =
         |refusal: FlowRefusal| Failure::Images(format!("{}: {refusal}", options.folder.display()));
-    let flow = Flow::new(&rig, settings).map_err(refused)?;
+    let mut flow = Flow::new(&rig.rig, settings).map_err(refused)?;
+    flow.set_regions(options.region.regions(&rig)?);
     let mut timing = Timing::default();
     for _ in 0..options.repeat {
         timing.go_through(&flow, &frame_sets);
@@ -121,7 +129,7 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
     if let (Some(refusal), true) = (timing.refusal.take(), timing.sets.is_empty()) {
         return Err(refused(refusal));
     }
-    let report = timing.report(options, &rig, frame_sets.len());
+    let report = timing.report(options, &rig.rig, frame_sets.len());
     if options.json {
         super::json::line(out, &report)?;
     } else {
@@ -131,34 +139,29 @@ fn run_flow(options: &FlowOptions, out: &mut impl Write) -> Result<(), Failure> 
 }
 
 /// Reads the rig file and all frame sets of the folder.
-fn open(options: &FlowOptions) -> Result<(Rig, Vec<FrameSet>), Failure> {
+fn open(options: &FlowOptions) -> Result<(RigFile, Vec<FrameSet>), Failure> {
     let rig = options.rig.as_deref().map(RigFile::read).transpose()?;
     if let (Some(path), Some(rig)) = (&options.rig, &rig) {
         super::warnings::rig(path, rig);
     }
     if is_recording(&options.folder) {
         let Rigged { frames, rig } = options.recording.open(&options.folder, rig)?;
-        return Ok((rig.rig.clone(), recorded(options, &frames, &rig)?));
+        let sets = recorded(options, &frames, &rig)?;
+        return Ok((rig, sets));
     }
-    let Some(RigFile { names, rig, .. }) = rig else {
+    let Some(file) = rig else {
         return Err(rig_missing("bench flow FOLDER --rig <RIG.toml>"));
     };
-    let folder = Folder::open(
-        &options.folder,
-        &names,
-        rig.image_size_px,
-        DEFAULT_PERIOD_US,
-    )?;
-    super::warnings::unread(folder.warnings());
-    let folder = folder.complete()?;
-    fits_memory(
-        &options.folder,
-        folder.len(),
-        names.len(),
-        rig.image_size_px,
-    )?;
-    let frame_sets = folder.frame_sets().collect::<Result<_, _>>()?;
-    Ok((rig, frame_sets))
+    let folder = options.pair.open(&options.folder, &file)?.complete()?;
+    let cameras = file.names.len();
+    let check = |count| fits_memory(&options.folder, count, cameras, file.rig.image_size_px);
+    check(folder.count().unwrap_or(0))?;
+    let mut frame_sets = Vec::new();
+    for frame_set in folder.frame_sets() {
+        frame_sets.push(frame_set?);
+        check(frame_sets.len())?;
+    }
+    Ok((file, frame_sets))
 }
 
 /// Reads the whole frame sets of a recording.

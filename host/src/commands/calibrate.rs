@@ -12,14 +12,15 @@ use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::calibration::board::{Board, Pattern};
 use trinocular_vision::calibration::folder::{
-    Calibration, CalibrationSettings, CameraResult, calibrate,
+    Calibration, CalibrationSettings, CameraResult, calibrate_listed,
 };
 use trinocular_vision::calibration::intrinsics::Verdict;
-use trinocular_vision::calibration::photographs::{Photographs, list};
+use trinocular_vision::calibration::photographs::list_paired;
 use trinocular_vision::calibration::rejection::InstantRejection;
 use trinocular_vision::calibration::rig::RigSolution;
 
 use super::destination::Destination;
+use super::folder_input::PairOption;
 use super::json;
 use super::progress::Progress;
 
@@ -40,9 +41,14 @@ pub struct CalibrateOptions {
     ///
     /// PNG, JPEG, PNM, TIFF, BMP or WebP. The subfolders' names become the cameras' names: left,
     /// middle, right for the paper's rig. Or all images in one folder, named by camera and number:
-    /// left01.jpg, right01.jpg. Names with a date or a time are those of one camera. One camera
-    /// alone is calibrated too, but makes no rig.
+    /// left01.jpg, right01.jpg. Names with a date or a time are those of one camera. Or a TIFF stack
+    /// (left.tif) or a Y4M video (left.y4m, also a named pipe) per camera. One camera alone is
+    /// calibrated too, but makes no rig: a folder, one stack or video, or `-`, a Y4M video on
+    /// standard input.
     input: PathBuf,
+
+    #[command(flatten)]
+    pair: PairOption,
 
     /// Inner corners of the board along its two sides, where four squares meet
     #[arg(long, value_name = "9x6")]
@@ -158,9 +164,11 @@ fn doubt_square(square_mm: f64) {
 /// Runs the command.
 pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failure> {
     // Refuse before the work what would be refused after it.
-    let Photographs { series, warnings } = list(&options.input)?;
-    super::warnings::unread(&warnings);
-    let names: Vec<String> = series.into_iter().map(|series| series.name).collect();
+    let photographs = list_paired(&options.input, options.pair.rule())?;
+    super::warnings::unread(&photographs.warnings);
+    super::folder_input::say(photographs.pairing.as_deref());
+    let names = photographs.series.iter();
+    let names: Vec<String> = names.map(|series| series.name.clone()).collect();
     let destination = options.destination.open(&names)?;
     doubt_square(options.square);
     let board = Board {
@@ -173,7 +181,9 @@ pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failu
         ..CalibrationSettings::new(board)
     };
     let mut progress = Progress::new("looking for the board");
-    let result = calibrate(&options.input, &settings, &mut |share| progress.at(share));
+    let result = calibrate_listed(&options.input, &photographs, &settings, &mut |share| {
+        progress.at(share);
+    });
     drop(progress);
     let result = result?;
     refuse_same_camera(options, &result)?;

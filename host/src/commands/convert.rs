@@ -18,8 +18,9 @@ use super::json;
 /// Turn calibrations of OpenCV and ROS into a rig file, or a rig file into theirs
 ///
 /// Reads one rig file (.toml), or one file per camera, whose name is the camera's: the YAML, JSON
-/// or XML of OpenCV's FileStorage, or the YAML of ROS's camera_info. Other known layouts, such as
-/// Kalibr's, are named with the way to one of these. Prints the rig file on standard output unless
+/// or XML of OpenCV's FileStorage (also .gz), or ROS's camera_info as YAML, as printed by rostopic
+/// echo, or as the INI file of its calibration program. Other known layouts, such as Kalibr's, are
+/// named with the way to one of these. Prints the rig file on standard output unless
 /// an option names a file or folder.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
@@ -152,10 +153,17 @@ fn assemble(files: &[PathBuf], offsets: &[Offset]) -> Result<RigFile, Failure> {
     let names: Vec<String> = files
         .iter()
         .map(|file| {
-            file.file_stem()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned()
+            // `left.yml.gz` is the file of `left`.
+            let is_packed = file
+                .extension()
+                .is_some_and(|end| end.eq_ignore_ascii_case("gz"));
+            let plain = if is_packed {
+                file.with_extension("")
+            } else {
+                file.clone()
+            };
+            let stem = plain.file_stem().unwrap_or_default();
+            stem.to_string_lossy().into_owned()
         })
         .collect();
     if let Some(unknown) = offsets

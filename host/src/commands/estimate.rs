@@ -5,8 +5,12 @@ mod pose;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use super::csv_rows::{self, Column};
+use super::exposures::Exposures;
 use super::frames::{RecordingInput, Rigged, rig_missing};
+use super::region::RegionOption;
 use crate::commands::failure::Failure;
+use crate::commands::folder_input::PairOption;
 use clap::{Args, ValueEnum};
 use pose::{PoseOptions, Turn};
 use serde::Serialize;
@@ -19,7 +23,6 @@ use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::mistake::explain_keyframe;
 use trinocular_vision::flow::{CameraRefusal, Flow, FlowSettings, remarks as camera_remarks};
 use trinocular_vision::images::FrameSet;
-use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
 use trinocular_vision::points;
 use trinocular_vision::sums::Sums;
 
@@ -38,8 +41,10 @@ pub struct EstimateOptions {
     /// instant and now. A point that some camera has not seen is rejected and counted.
     ///
     /// Folder: one subfolder per camera, named as in the rig file, with equal file names for images
-    /// taken at the same instant (PNG, JPEG, PNM, TIFF, BMP or WebP). Colour becomes grey; values
-    /// of 16-bit files are scaled by the bits that they use. Frame sets are taken in the order of
+    /// taken at the same instant (PNG, JPEG, PNM, TIFF, BMP or WebP). Or all images in one folder,
+    /// each camera's name first (left1.png), or a TIFF stack (left.tif) or a Y4M video (left.y4m,
+    /// also a named pipe) per camera. Colour becomes grey; values of more than 8 bits are scaled by
+    /// the bits that they use. Frame sets are taken in the order of
     /// their names, in which numbers count as numbers. Frame 1 is the second frame set. If a
     /// camera's file is missing, the frame is measured without that camera, with a warning; if a
     /// file cannot be read, the frame is refused.
@@ -73,6 +78,16 @@ pub struct EstimateOptions {
     #[arg(long, long_help = JSON_HELP)]
     json: bool,
 
+    /// Print a CSV table: a header, then one row per displacement with all that --json prints
+    #[arg(long, conflicts_with = "json")]
+    csv: bool,
+
+    #[command(flatten)]
+    pair: PairOption,
+
+    #[command(flatten)]
+    region: RegionOption,
+
     #[command(flatten)]
     recording: RecordingInput,
 }
@@ -83,12 +98,13 @@ Print one JSON object per displacement and line:
 {\"version\":1,\"frame\":1,\"displacement_mm\":[x,y,z],\"sigma_mm\":[x,y,z],\"points\":50,\
 \"rejected\":0,\"method\":\"midpoint\"}
 
-`sigma_mm`, the standard deviation per axis, is null for closed-form and least-squares. \
+`sigma_mm`, the standard deviation per axis, and `covariance_mm2`, whose diagonal is its square, are \
+null for closed-form and least-squares. \
 If the rotation is estimated, `rotation_deg` (rotation vector about x, y and z), \
 `rotation_sigma_deg` and `pivot_mm` are there, too; `displacement_mm` is the pivot's. They are null \
 if the points do not determine the rotation. \
-`warnings`, a list of sentences, is there only if a camera was left out or rows of a CSV do not \
-fit the others. A frame without an \
+`warnings`, a list of sentences, is there only if a camera was left out, an image is badly exposed, \
+or rows of a CSV do not fit the others. A frame without an \
 estimate gives {\"frame\":1,\"refused\":\"reason\"}, and the exit code is 1 after the rest has \
 been printed.";
 
@@ -161,6 +177,7 @@ struct Displacement {
     frame: usize,
     displacement_mm: [f64; 3],
     sigma_mm: Option<[f64; 3]>,
+    covariance_mm2: Option<[[f64; 3]; 3]>,
     #[serde(flatten)]
     turn: Option<Turn>,
     points: usize,
@@ -175,7 +192,31 @@ struct Displacement {
 struct Refused {
     frame: usize,
     refused: String,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<String>,
 }
+
+/// Columns of `--csv`.
+const COLUMNS: [Column; 18] = [
+    ("frame", "/frame"),
+    ("x_mm", "/displacement_mm/0"),
+    ("y_mm", "/displacement_mm/1"),
+    ("z_mm", "/displacement_mm/2"),
+    ("sigma_x_mm", "/sigma_mm/0"),
+    ("sigma_y_mm", "/sigma_mm/1"),
+    ("sigma_z_mm", "/sigma_mm/2"),
+    ("cov_xx_mm2", "/covariance_mm2/0/0"),
+    ("cov_xy_mm2", "/covariance_mm2/0/1"),
+    ("cov_xz_mm2", "/covariance_mm2/0/2"),
+    ("cov_yy_mm2", "/covariance_mm2/1/1"),
+    ("cov_yz_mm2", "/covariance_mm2/1/2"),
+    ("cov_zz_mm2", "/covariance_mm2/2/2"),
+    ("points", "/points"),
+    ("rejected", "/rejected"),
+    ("method", "/method"),
+    ("refused", "/refused"),
+    ("warnings", "/warnings"),
+];
 
 /// Largest number of doubtful rows that are named.
 const MOST_DOUBTS: usize = 20;
@@ -195,6 +236,7 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
         refused: 0,
         is_points,
         warnings: Vec::new(),
+        exposure: Vec::new(),
         absent: Vec::new(),
     };
     if is_recording(&options.input) {
@@ -227,13 +269,21 @@ fn run_points<W: Write>(
             .warnings
             .push(format!("{more} more rows do not fit the others"));
     }
+    // Rows that do not fit are named one by one; then their number says nothing new.
+    if points.doubts.is_empty() {
+        printer.warnings.extend(points.contradiction.clone());
+    }
     let correspondences = &points.correspondences;
     let method = printer.method;
     let alone = || {
-        let sums = Sums::new(&rig.rig, correspondences);
+        let sums = Sums::new(&rig.rig, correspondences).map(|mut sums| {
+            sums.centred.overlap *= points.variance_inflation;
+            sums
+        });
         let solution = sums.and_then(|sums| estimate(method, &sums));
         solution.map_err(|refusal| refusal.to_string())
     };
+    // The pose takes its noise from the points' misfit, which needs no inflation.
     let is_doubtful = !points.doubts.is_empty();
     let seen = (&rig.rig, correspondences.as_slice());
     let warnings = &mut printer.warnings;
@@ -248,13 +298,7 @@ fn run_folder<W: Write>(
     rig: &RigFile,
     printer: Printer<'_, W>,
 ) -> Result<(), Failure> {
-    let folder = Folder::open(
-        &options.input,
-        &rig.names,
-        rig.rig.image_size_px,
-        DEFAULT_PERIOD_US,
-    )?;
-    super::warnings::unread(folder.warnings());
+    let folder = options.pair.open(&options.input, rig)?;
     run_captures(options, rig, folder.frame_sets(), printer)
 }
 
@@ -276,6 +320,7 @@ fn run_captures<W: Write>(
     let rig_path = options.rig.as_ref().unwrap_or(&options.input);
     let mut flow = Flow::new(&rig.rig, FlowSettings::default())
         .map_err(|refusal| InputError::file(rig_path, refusal.to_string()))?;
+    flow.set_regions(options.region.regions(rig)?);
     // The search for a mistake takes many times a measurement, and one mistake explains all.
     let mut is_explained = false;
     let mut refer_to = |flow: &mut Flow, capture: &FrameSet| {
@@ -286,6 +331,7 @@ fn run_captures<W: Write>(
         })
     };
     let mut reference = refer_to(&mut flow, first?);
+    let mut exposures = Exposures::new(&rig.names);
     for capture in captures {
         let capture = match capture {
             Ok(capture) => capture,
@@ -297,6 +343,9 @@ fn run_captures<W: Write>(
                 continue;
             }
         };
+        exposures.warn(&capture);
+        printer.exposure = exposures.remarks(&capture);
+        printer.warnings = printer.exposure.clone();
         // A bad keyframe spoils every frame measured against it; they share its reason.
         let seen = match &reference {
             Ok(()) => Seen::of(options, &mut flow, &rig.rig, &capture, printer.method),
@@ -304,7 +353,8 @@ fn run_captures<W: Write>(
         };
         match seen {
             Ok(seen) => {
-                printer.warnings = camera_remarks(&seen.refused_cameras, &rig.names);
+                let remarks = camera_remarks(&seen.refused_cameras, &rig.names);
+                printer.warnings.extend(remarks);
                 let absent = seen.refused_cameras.iter();
                 let names = absent.filter_map(|(k, _)| rig.names.get(*k).cloned());
                 printer.absent = names.collect();
@@ -374,6 +424,8 @@ struct Printer<'a, W> {
     is_points: bool,
     /// Warnings about the next displacement.
     warnings: Vec<String>,
+    /// Those of the warnings that are printed once per camera rather than per frame.
+    exposure: Vec<String>,
     /// Names of the cameras that take no part in the next displacement.
     absent: Vec<String>,
 }
@@ -394,6 +446,7 @@ impl<W: Write> Printer<'_, W> {
                     frame: self.frames + 1,
                     displacement_mm: solution.displacement_mm,
                     sigma_mm: solution.sigma_mm,
+                    covariance_mm2: solution.covariance_mm2,
                     points: solution.points,
                     rejected,
                     method: self.method,
@@ -413,14 +466,19 @@ impl<W: Write> Printer<'_, W> {
 
     fn displacement(&mut self, line: &Displacement) -> Result<(), Failure> {
         self.frames += 1;
-        for warning in &line.warnings {
+        let once = &self.exposure;
+        for warning in line
+            .warnings
+            .iter()
+            .filter(|warning| !once.contains(warning))
+        {
             match self.is_points {
                 true => notice!("warning: {warning}"),
                 false => notice!("frame {}: {warning}", line.frame),
             }
         }
-        if self.options.json {
-            return self.json(line);
+        if self.options.json || self.options.csv {
+            return self.object(line);
         }
         if self.frames - self.refused == 1 {
             writeln!(
@@ -456,18 +514,27 @@ impl<W: Write> Printer<'_, W> {
         self.frames += 1;
         self.refused += 1;
         let frame = self.frames;
-        if self.options.json {
-            return self.json(&Refused {
+        let warnings = std::mem::take(&mut self.warnings);
+        if self.options.json || self.options.csv {
+            return self.object(&Refused {
                 frame,
                 refused: reason,
+                warnings,
             });
         }
         writeln!(self.out, "{frame:>5} refused: {reason}")?;
         Ok(())
     }
 
-    fn json(&mut self, line: &impl Serialize) -> Result<(), Failure> {
-        Ok(super::json::line(self.out, line)?)
+    fn object(&mut self, line: &impl Serialize) -> Result<(), Failure> {
+        if self.options.json {
+            return Ok(super::json::line(self.out, line)?);
+        }
+        if self.frames == 1 {
+            csv_rows::header(self.out, &COLUMNS)?;
+        }
+        let object = serde_json::to_value(line).map_err(std::io::Error::from)?;
+        Ok(csv_rows::row(self.out, &COLUMNS, object)?)
     }
 
     fn finish(self) -> Result<(), Failure> {
@@ -487,6 +554,7 @@ impl<W: Write> Printer<'_, W> {
 struct Solution {
     displacement_mm: [f64; 3],
     sigma_mm: Option<[f64; 3]>,
+    covariance_mm2: Option<[[f64; 3]; 3]>,
     /// Number of points used.
     points: usize,
     /// Rotation, if it was to be estimated.
@@ -518,17 +586,21 @@ impl Solution {
 
 fn estimate(method: Method, sums: &Sums) -> Result<Solution, Refusal> {
     let estimates = sums.estimates();
-    let (displacement_mm, sigma_mm) = match method {
-        Method::Midpoint => {
-            let estimate = estimates.midpoint?;
-            (estimate.displacement_mm, Some(estimate.sigma_mm()))
-        }
-        Method::ClosedForm => (estimates.closed_form?, None),
-        Method::LeastSquares => (estimates.least_squares?, None),
+    let midpoint = match method {
+        Method::Midpoint => Some(estimates.midpoint?),
+        Method::ClosedForm | Method::LeastSquares => None,
+    };
+    let displacement_mm = match method {
+        Method::Midpoint => midpoint
+            .as_ref()
+            .map_or([f64::NAN; 3], |m| m.displacement_mm),
+        Method::ClosedForm => estimates.closed_form?,
+        Method::LeastSquares => estimates.least_squares?,
     };
     Ok(Solution {
         displacement_mm,
-        sigma_mm,
+        sigma_mm: midpoint.as_ref().map(|estimate| estimate.sigma_mm()),
+        covariance_mm2: midpoint.map(|estimate| estimate.covariance_mm2),
         points: sums.centred.points as usize,
         turn: None,
     })

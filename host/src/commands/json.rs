@@ -20,13 +20,20 @@ pub const VERSION: u32 = 1;
 /// significant digits. A number that is not finite becomes null. Warnings since the last object are
 /// added to its `warnings`.
 pub fn line(out: &mut impl Write, object: &impl Serialize) -> io::Result<()> {
-    let mut value = serde_json::to_value(object)?;
-    round(&mut value, Digits::SixDecimals);
+    let mut value = rounded(serde_json::to_value(object)?);
     if let Value::Object(keys) = &mut value {
         keys.insert("version".to_owned(), VERSION.into());
-        add_warnings(keys, warnings::take());
     }
     writeln!(out, "{value}")
+}
+
+/// Returns an object with its numbers rounded as [`line`] does, and the warnings since the last one.
+pub fn rounded(mut object: Value) -> Value {
+    round(&mut object, Digits::SixDecimals);
+    if let Value::Object(keys) = &mut object {
+        add_warnings(keys, warnings::take());
+    }
+    object
 }
 
 /// Adds warnings before those that the object has.
@@ -58,7 +65,10 @@ impl Digits {
     /// Returns the rounding of the numbers under a key. Keys inside an object without a unit, such
     /// as `median` in `frame_set_ms`, keep the rounding of that object.
     fn of(key: &str, outer: Self) -> Self {
-        if key.contains("sigma") || key.contains("deviation") {
+        if ["sigma", "deviation", "covariance"]
+            .iter()
+            .any(|word| key.contains(word))
+        {
             Self::ThreeSignificant
         } else if UNITS.iter().any(|unit| key.ends_with(unit)) {
             Self::SixDecimals

@@ -9,18 +9,23 @@ mod recorded;
 mod report;
 mod simulated;
 
+use super::csv_rows::Column;
+use super::folder_input::PairOption;
 use super::frames::{RecordingInput, rig_missing};
 use super::port::PortOption;
 use super::range;
 use super::record::{Origin, RecordOption, Recording};
+use super::region::RegionOption;
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
 use std::cell::Cell;
 use std::io::Write;
 use std::path::PathBuf;
 use trinocular::servo::path::TargetPath;
 use trinocular::servo::station_link::{StationLink, TWIN_B};
+use trinocular::servo::visual_servo::{ServoEstimate, ServoOutcome};
 use trinocular_client::diagnosis::explain;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
@@ -44,8 +49,9 @@ pub struct Source {
     /// for one instant
     ///
     /// PNG, JPEG, PNM, TIFF, BMP or WebP, in the order of their names, in which numbers count as
-    /// numbers. If a camera's file is missing, the others carry on, and the row names that camera.
-    /// Unreadable frame sets are skipped with a warning; the exit code is then 1. Or a recording
+    /// numbers. Or one folder with each camera's name first (left1.png), or a TIFF stack (left.tif)
+    /// or a Y4M video (left.y4m, also a named pipe) per camera; the rate of videos is used. If a
+    /// camera's file is missing, the others carry on, and the row names that camera. Unreadable frame sets are skipped with a warning; the exit code is then 1. Or a recording
     /// (MCAP, ROS 2 bag), which may hold the rig, and whose frame rate is used.
     #[arg(long, value_name = "DIR", help_heading = SOURCE)]
     images: Option<PathBuf>,
@@ -121,12 +127,17 @@ pub struct TrackOptions {
 
     /// Print one JSON object per frame set and line
     ///
-    /// time_s, displacement_mm (the target's since the keyframe, as seen from the cameras), trust
-    /// (in the station's position); stage_mm and frame, or with --sim target_mm, camera_mm,
-    /// sigma_mm, points and latency_ms. `warnings`, a list of sentences, is there only if a camera
-    /// was left out; `refused` is the reason why a frame set was not used.
+    /// time_s, displacement_mm (the target's since the keyframe, as seen from the cameras),
+    /// sigma_mm, covariance_mm2, points, rejected, latency_ms (the images' age when they act), trust
+    /// (in the station's position); stage_mm, frame and drops (of live cameras, so far), or with
+    /// --sim target_mm and camera_mm. `warnings`, a list of sentences, is there only if a camera was
+    /// left out or an image is badly exposed; `refused` is the reason why a frame set was not used.
     #[arg(long)]
     json: bool,
+
+    /// Print a CSV table: a header, then one row per frame set with all that --json prints
+    #[arg(long, conflicts_with = "json")]
+    csv: bool,
 
     /// With the twin: latency from images to frame at the station, ms of virtual time; at most the
     /// period of the frame sets minus 3 [default: 20, or that if it is less]
@@ -180,6 +191,12 @@ pub struct TrackOptions {
 
     #[command(flatten)]
     report: report::TrackReport,
+
+    #[command(flatten, next_help_heading = "With --images, --watch and --cameras")]
+    region: RegionOption,
+
+    #[command(flatten, next_help_heading = "With --images")]
+    pair: PairOption,
 
     #[command(flatten)]
     recording: RecordingInput,
@@ -290,6 +307,81 @@ fn introduce(station: &StationLink) {
     }
 }
 
+/// Adds what the station estimated, or the reason why it did not, to a row's object.
+fn add_outcome(object: &mut Value, outcome: &ServoOutcome) {
+    match outcome {
+        ServoOutcome::Used(estimate) => {
+            object["displacement_mm"] = json!(estimate.displacement_mm);
+            object["sigma_mm"] = json!(estimate.sigma_mm);
+            object["covariance_mm2"] = json!(estimate.covariance_mm2);
+            object["points"] = json!(estimate.points);
+            object["rejected"] = json!(estimate.rejected);
+            object["latency_ms"] = json!(f64::from(estimate.latency_us) * 1e-3);
+        }
+        other => object["refused"] = json!(other.refusal().unwrap_or_default()),
+    }
+}
+
+/// Adds sentences to a row's warnings.
+fn add_warnings(object: &mut Value, sentences: Vec<String>) {
+    if sentences.is_empty() {
+        return;
+    }
+    let warnings = &mut object["warnings"];
+    if warnings.is_null() {
+        *warnings = json!([]);
+    }
+    if let Value::Array(list) = warnings {
+        list.extend(sentences.into_iter().map(Value::from));
+    }
+}
+
+/// Columns of `--csv`; those of other sources stay empty.
+const COLUMNS: [Column; 30] = [
+    ("frame", "/frame"),
+    ("time_s", "/time_s"),
+    ("x_mm", "/displacement_mm/0"),
+    ("y_mm", "/displacement_mm/1"),
+    ("z_mm", "/displacement_mm/2"),
+    ("sigma_x_mm", "/sigma_mm/0"),
+    ("sigma_y_mm", "/sigma_mm/1"),
+    ("sigma_z_mm", "/sigma_mm/2"),
+    ("cov_xx_mm2", "/covariance_mm2/0/0"),
+    ("cov_xy_mm2", "/covariance_mm2/0/1"),
+    ("cov_xz_mm2", "/covariance_mm2/0/2"),
+    ("cov_yy_mm2", "/covariance_mm2/1/1"),
+    ("cov_yz_mm2", "/covariance_mm2/1/2"),
+    ("cov_zz_mm2", "/covariance_mm2/2/2"),
+    ("points", "/points"),
+    ("rejected", "/rejected"),
+    ("latency_ms", "/latency_ms"),
+    ("trust", "/trust"),
+    ("stage_x_mm", "/stage_mm/0"),
+    ("stage_y_mm", "/stage_mm/1"),
+    ("stage_z_mm", "/stage_mm/2"),
+    ("camera_x_mm", "/camera_mm/0"),
+    ("camera_y_mm", "/camera_mm/1"),
+    ("camera_z_mm", "/camera_mm/2"),
+    ("target_x_mm", "/target_mm/0"),
+    ("target_y_mm", "/target_mm/1"),
+    ("target_z_mm", "/target_mm/2"),
+    ("drops", "/drops"),
+    ("refused", "/refused"),
+    ("warnings", "/warnings"),
+];
+
+/// Formats the standard deviation and the counts of a used row.
+fn known(estimate: &ServoEstimate) -> String {
+    let sigma = estimate.sigma_mm.map_or(String::new(), |sigma| {
+        let sigma = sigma.map(|mm| format!("{mm:.4}")).join(" ");
+        format!("sigma {sigma} mm, ")
+    });
+    let ServoEstimate {
+        points, rejected, ..
+    } = estimate;
+    format!("{sigma}{points} points, {rejected} rejected")
+}
+
 /// Formats three columns of a row, mm.
 fn vector([x, y, z]: &[f64; 3]) -> String {
     format!("{x:>8.4} {y:>8.4} {z:>8.4}")
@@ -333,6 +425,20 @@ pub fn run(options: &TrackOptions, out: &mut impl Write) -> Result<(), Failure> 
         false => Ok(()),
     };
     let is_live = source.cameras.is_some();
+    let is_folder = source
+        .images
+        .as_deref()
+        .is_some_and(|path| !is_recording(path));
+    let has_region = options.region.is_given();
+    let is_outside = !source.sim;
+    goes_with(
+        "roi",
+        has_region,
+        "--images, --watch and --cameras",
+        is_outside,
+    )?;
+    let has_rule = options.pair.rule().is_some();
+    goes_with("pair", has_rule, "--images and a folder", is_folder)?;
     goes_with(
         "idle",
         options.idle.is_some(),

@@ -10,6 +10,7 @@ use trinocular_core::frame::message::Command;
 use trinocular_core::rig::Rig;
 use trinocular_core::time::Instant;
 use trinocular_rig::error::InputError;
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::sums::Estimator;
 
@@ -137,6 +138,11 @@ impl FrameSetServo {
             station,
             first_us: None,
         })
+    }
+
+    /// Restricts the points to regions of the cameras' images, from the next keyframe on.
+    pub fn set_regions(&mut self, regions: Regions) {
+        self.servo.set_regions(regions);
     }
 
     /// Adds an observer, which sees the keyframe and every turn from now on.

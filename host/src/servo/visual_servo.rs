@@ -9,6 +9,7 @@ use trinocular_core::rig::Rig;
 use trinocular_core::safety::Trust;
 use trinocular_core::time::Instant;
 use trinocular_vision::flow::CameraRefusal;
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::flow::{self, Correspondence, Flow, FlowSettings, Measurement};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::measure::{MeasureRefusal, measure};
@@ -32,18 +33,26 @@ pub struct ServoEstimate {
     pub displacement_mm: [f64; 3],
     /// Standard deviation of the displacement, mm; `None` for the closed form.
     pub sigma_mm: Option<[f64; 3]>,
+    /// Covariance of the displacement, mm², as the host computes it; `None` for the closed form.
+    pub covariance_mm2: Option<[[f64; 3]; 3]>,
     /// Points behind the estimate.
     pub points: usize,
+    /// Points left out.
+    pub rejected: usize,
     /// Time from the images to the first step that they could change, µs.
     pub latency_us: u32,
 }
 
 impl ServoEstimate {
-    fn new(report: &EstimateReport, points: usize) -> Self {
+    fn new(report: &EstimateReport, measured: &Measured) -> Self {
+        let sigma_mm = report.sigma_mm();
+        let rejected = measured.measurement.as_ref();
         Self {
             displacement_mm: report.displacement_mm(),
-            sigma_mm: report.sigma_mm(),
-            points,
+            sigma_mm,
+            covariance_mm2: sigma_mm.and(measured.covariance_mm2),
+            points: measured.points,
+            rejected: rejected.map_or(0, |measurement| measurement.rejected.total()),
             latency_us: report.latency_us,
         }
     }
@@ -91,10 +100,17 @@ pub struct Measured {
     pub sums: FrameSums,
     /// Points behind the sums.
     pub points: usize,
+    /// Covariance of the displacement by the midpoint model, mm².
+    pub covariance_mm2: Option<[[f64; 3]; 3]>,
     /// Cameras that took no part, from 0, each with its reason.
     pub absent: Vec<(usize, CameraRefusal)>,
     /// The measurement in the images; `None` for ideal correspondences.
     pub measurement: Option<Measurement>,
+}
+
+fn covariance_mm2(sums: &Sums) -> Option<[[f64; 3]; 3]> {
+    let midpoint = sums.estimates().midpoint.ok()?;
+    Some(midpoint.covariance_mm2)
 }
 
 /// The closed loop of images, flow, station and stage.
@@ -155,6 +171,11 @@ impl VisualServo {
         })
     }
 
+    /// Restricts the points to regions of the cameras' images, from the next keyframe on.
+    pub fn set_regions(&mut self, regions: Regions) {
+        self.flow.set_regions(regions);
+    }
+
     /// Adds an observer, which sees the keyframe and every [`VisualServo::step`] from now on.
     pub fn add_observer(&mut self, observer: Box<dyn ServoObserver>) {
         self.observers.push(observer);
@@ -196,6 +217,7 @@ impl VisualServo {
         Ok(Measured {
             sums: sums.frame(self.estimator)?,
             points: measured.correspondences.len(),
+            covariance_mm2: covariance_mm2(&sums),
             absent: measured.refused_cameras.clone(),
             measurement: Some(measured),
         })
@@ -206,9 +228,11 @@ impl VisualServo {
     /// # Errors
     /// If the correspondences give no sums, with the reason.
     pub fn measure_points(&self, points: &[Correspondence]) -> Result<Measured, MeasureRefusal> {
+        let sums = Sums::new(&self.rig, points)?;
         Ok(Measured {
-            sums: Sums::new(&self.rig, points)?.frame(self.estimator)?,
+            sums: sums.frame(self.estimator)?,
             points: points.len(),
+            covariance_mm2: covariance_mm2(&sums),
             absent: Vec::new(),
             measurement: None,
         })
@@ -243,7 +267,7 @@ impl VisualServo {
                     station.advance(arrival);
                 }
                 match station.offer(self.frame(taken, measured.sums))? {
-                    Ok(report) => ServoOutcome::Used(ServoEstimate::new(&report, measured.points)),
+                    Ok(report) => ServoOutcome::Used(ServoEstimate::new(&report, measured)),
                     Err(refusal) => ServoOutcome::Unused(refusal),
                 }
             }

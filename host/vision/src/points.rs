@@ -48,10 +48,15 @@ const QUOTED: usize = 60;
 pub struct Points {
     /// Rows that do not fit the others, each with its line and the size of the misfit.
     pub doubts: Vec<InputError>,
-    /// Points that every camera has seen.
+    /// Points that every camera has seen and that fit the rig.
     pub correspondences: Vec<Correspondence>,
-    /// Number of points that some camera has not seen.
+    /// Number of points that some camera has not seen or that contradict the rig.
     pub rejected: usize,
+    /// Description of the points that contradict the rig.
+    pub contradiction: Option<String>,
+    /// Inflation of the displacement's variance by points that fit the rig less than their noise
+    /// explains.
+    pub variance_inflation: f64,
 }
 
 /// Reads the CSV file at `path`, whose cameras are those of `rig`.
@@ -369,10 +374,13 @@ impl<'a> Collector<'a> {
             let pixels = point.iter().map(|seen| seen.pixels).collect::<Vec<_>>();
             Correspondence::from_pixels(&self.rig.rig, pixels)
         });
+        let judged = contradiction::judge(&self.rig.rig, correspondences.collect());
         Ok(Points {
             doubts: misfit::doubts(file, self.rig, &complete),
-            correspondences: correspondences.collect(),
-            rejected: count - complete.len(),
+            rejected: count - judged.kept.len(),
+            correspondences: judged.kept,
+            contradiction: judged.remark,
+            variance_inflation: judged.variance_inflation,
         })
     }
 }
@@ -415,6 +423,7 @@ fn coordinate(text: &str, size_px: u32) -> Result<f64, WrongCoordinate> {
     }
 }
 
+mod contradiction;
 mod misfit;
 #[cfg(test)]
 mod tests;

@@ -241,6 +241,7 @@ impl PoseOptions {
         Solution {
             displacement_mm: moved.displacement_mm,
             sigma_mm: Some(moved.sigma_mm()),
+            covariance_mm2: Some(moved.covariance_mm2),
             points,
             turn: Some(Turn {
                 rotation_deg: Some(pose.rotation_deg()),

@@ -2,11 +2,13 @@
 
 use super::absences::Absences;
 use super::page::{self, TrackPage};
-use super::{TrackOptions, introduce, vector};
+use super::{COLUMNS, TrackOptions, add_outcome, add_warnings, introduce, known, vector};
+use crate::commands::exposures::Exposures;
 use crate::commands::failure::Failure;
-use crate::commands::json;
 use crate::commands::progress::{Count, StatusLine};
+use crate::commands::{csv_rows, json};
 use serde_json::json;
+use std::cell::RefCell;
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
@@ -42,6 +44,9 @@ pub struct Summary {
     pub refused: usize,
 }
 
+/// Count of the images of live cameras that never came to the loop.
+struct LiveDrops<'a>(Box<dyn Fn() -> u64 + 'a>);
+
 /// Frame sets and the station that follows them.
 pub struct Captures<'a> {
     options: &'a TrackOptions,
@@ -53,6 +58,8 @@ pub struct Captures<'a> {
     /// True if the frame sets are live.
     is_live: bool,
     absences: Absences,
+    exposures: Exposures,
+    drops: RefCell<Option<LiveDrops<'a>>>,
     tap: Option<Arc<Tap>>,
     page: Option<TrackPage>,
 }
@@ -63,6 +70,11 @@ impl<'a> Captures<'a> {
         if let Some(page) = &self.page {
             page.count_drops(source);
         }
+    }
+
+    /// Writes in each row the number of images so far that never came to the loop.
+    pub fn tell_drops(&self, count: impl Fn() -> u64 + 'a) {
+        self.drops.replace(Some(LiveDrops(Box::new(count))));
     }
 
     /// Starts the station: configured, its position zero. `now_us` is the clock of the frame set
@@ -77,6 +89,7 @@ impl<'a> Captures<'a> {
         tap: Option<Arc<Tap>>,
     ) -> Result<Self, Failure> {
         let failed = |error| Failure::of_servo(port, error);
+        let regions = options.region.regions(rig)?;
         let place = options.station.place(port);
         let observer = tap.clone().map(|tap| tap as Arc<dyn StationObserver>);
         let station = StationLink::start_observed(place, stage, mounting, observer);
@@ -96,6 +109,7 @@ impl<'a> Captures<'a> {
             .open(rig, stage, mounting, &station, tap.clone())?;
         let servo = FrameSetServo::new(&rig.rig, options.method.into(), clock, station);
         let mut servo = servo.map_err(failed)?;
+        servo.set_regions(regions);
         let reported = options
             .report
             .observers(&rig.rig, HandEye::of(stage, mounting));
@@ -114,6 +128,8 @@ impl<'a> Captures<'a> {
             source,
             is_live: now_us.is_some(),
             absences: Absences::new(&rig.names),
+            exposures: Exposures::new(&rig.names),
+            drops: RefCell::new(None),
             tap,
         })
     }
@@ -165,7 +181,7 @@ impl<'a> Captures<'a> {
     ) -> Result<Summary, Failure> {
         let mut summary = Summary::default();
         let mut count = Count::new("frame sets followed");
-        let mut line = StatusLine::new(self.options.json);
+        let mut line = StatusLine::new(self.options.json || self.options.csv);
         // Start of the time without a keyframe, and its reason.
         let mut dark: Option<(u64, InputError)> = None;
         for capture in captures {
@@ -197,15 +213,10 @@ impl<'a> Captures<'a> {
                 summary.frames += 1;
                 summary.refused += usize::from(!followed.turn.outcome.is_used());
                 self.absences.warn(&followed.turn.absent);
+                self.exposures.warn(&capture);
                 match &mut line {
                     Some(line) if self.is_live => line.show(|rate| status(&followed, rate)),
-                    _ => print(
-                        self.options.json,
-                        summary.frames,
-                        &followed,
-                        &self.absences,
-                        out,
-                    )?,
+                    _ => self.print(summary.frames, &followed, &capture, out)?,
                 }
                 count.at(summary.frames);
             }
@@ -214,6 +225,66 @@ impl<'a> Captures<'a> {
             Some((_, error)) => Err(error.into()),
             None => Ok(summary),
         }
+    }
+
+    /// Prints the row of a frame set.
+    fn print(
+        &self,
+        frame: usize,
+        followed: &Followed,
+        capture: &FrameSet,
+        out: &mut impl Write,
+    ) -> Result<(), Failure> {
+        let Followed {
+            time_s,
+            stage_mm,
+            turn,
+        } = followed;
+        let ServoStep {
+            outcome,
+            absent,
+            trust,
+        } = turn;
+        if self.options.json || self.options.csv {
+            let trust = diagnosis::trust(*trust);
+            let mut object =
+                json!({"frame": frame, "time_s": time_s, "stage_mm": stage_mm, "trust": trust});
+            self.absences.note(absent, &mut object);
+            add_warnings(&mut object, self.exposures.remarks(capture));
+            add_outcome(&mut object, outcome);
+            if let Some(LiveDrops(count)) = &*self.drops.borrow() {
+                object["drops"] = json!(count());
+            }
+            if self.options.json {
+                json::line(out, &object)?;
+            } else {
+                if frame == 1 {
+                    csv_rows::header(out, &COLUMNS)?;
+                }
+                csv_rows::row(out, &COLUMNS, object)?;
+            }
+        } else {
+            if frame == 1 {
+                let [target, stage] = ["target mm", "stage mm"];
+                writeln!(out, "frame  {target:>26}  {stage:>26}  position  outcome")?;
+            }
+            let (seen, outcome) = match outcome.estimate() {
+                Some(estimate) => {
+                    let without = self.absences.without(absent);
+                    let outcome = format!("used{without}, {}", known(estimate));
+                    (vector(&estimate.displacement_mm), outcome)
+                }
+                None => {
+                    let reason = outcome.refusal().unwrap_or_default();
+                    (format!("{:>26}", "-"), reason)
+                }
+            };
+            let (stage, position) = (vector(stage_mm), diagnosis::position(*trust));
+            writeln!(out, "{frame:>5}  {seen}  {stage}  {position:>8}  {outcome}")?;
+        }
+        // Flush, so that a reader gets each line at once.
+        out.flush()?;
+        Ok(())
     }
 
     fn no_reference(&self, capture: &FrameSet, refusal: &FlowRefusal) -> InputError {
@@ -248,54 +319,4 @@ fn status(followed: &Followed, rate: f64) -> String {
         "{time_s:>6.1} s  stage {} mm  {seen}  {rate:.0}/s",
         vector(stage_mm)
     )
-}
-
-fn print(
-    as_json: bool,
-    frame: usize,
-    followed: &Followed,
-    absences: &Absences,
-    out: &mut impl Write,
-) -> Result<(), Failure> {
-    let Followed {
-        time_s,
-        stage_mm,
-        turn,
-    } = followed;
-    let ServoStep {
-        outcome,
-        absent,
-        trust,
-    } = turn;
-    let displacement_mm = outcome.estimate().map(|estimate| &estimate.displacement_mm);
-    let refusal = outcome.refusal().unwrap_or_default();
-    let known = diagnosis::position(*trust);
-    if as_json {
-        let trust = diagnosis::trust(*trust);
-        let mut object =
-            json!({"frame": frame, "time_s": time_s, "stage_mm": stage_mm, "trust": trust});
-        absences.note(absent, &mut object);
-        match displacement_mm {
-            Some(displacement_mm) => object["displacement_mm"] = json!(displacement_mm),
-            None => object["refused"] = json!(refusal),
-        }
-        json::line(out, &object)?;
-    } else {
-        if frame == 1 {
-            let [target, stage] = ["target mm", "stage mm"];
-            writeln!(out, "frame  {target:>26}  {stage:>26}  position  outcome")?;
-        }
-        let (seen, outcome) = match displacement_mm {
-            Some(displacement_mm) => {
-                let outcome = format!("used{}", absences.without(absent));
-                (vector(displacement_mm), outcome)
-            }
-            None => (format!("{:>26}", "-"), refusal),
-        };
-        let stage = vector(stage_mm);
-        writeln!(out, "{frame:>5}  {seen}  {stage}  {known:>8}  {outcome}")?;
-    }
-    // Flush, so that a reader gets each line at once.
-    out.flush()?;
-    Ok(())
 }

@@ -14,7 +14,7 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::images::FrameSet;
-use trinocular_vision::images::cameras::live::LiveCameras;
+use trinocular_vision::images::cameras::live::{LiveCameras, Tally};
 
 /// Returns the stage and the mounting of the cameras. A real stage must be in the rig file.
 pub fn stage(
@@ -83,6 +83,12 @@ fn follow(
         recording.tap(),
     )?;
     captures.count_drops(cameras::drop_source(&live));
+    let count = live.counter();
+    captures.tell_drops(move || {
+        let tallies = count();
+        let drops = tallies.iter().flat_map(Tally::drops);
+        drops.map(|(_, count)| count).sum()
+    });
     let end_us = options
         .seconds
         .map(|seconds| live.now_us() + (seconds * 1e6) as u64);

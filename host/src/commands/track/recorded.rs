@@ -5,7 +5,6 @@ use super::{Estimator, TrackOptions};
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::failure::Failure;
 use crate::commands::frames::Rigged;
-use crate::commands::warnings;
 use std::cell::Cell;
 use std::io::Write;
 use std::path::Path;
@@ -17,7 +16,6 @@ use trinocular_rig::interruption;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::FrameSet;
-use trinocular_vision::images::folder::Folder;
 use trinocular_vision::images::folder::watch::{Settings, Watch};
 
 /// Shortest and longest time between two frame sets of a recording, µs: as --fps allows.
@@ -32,15 +30,22 @@ pub fn run(
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let rig = options.method.read_rig(rig_path)?;
-    let size_px = rig.rig.image_size_px;
-    let captures = Folder::open(folder, &rig.names, size_px, options.period_us())?;
-    warnings::unread(captures.warnings());
-    if captures.len() < 2 {
-        return Err(few(folder, captures.len()));
+    let mut captures = options.pair.open(folder, &rig)?;
+    if let (None, Some(period_us)) = (options.fps, captures.video_period_us()) {
+        let period_us = period_us.clamp(LEAST_PERIOD_US, MOST_PERIOD_US);
+        options.recorded_period_us.set(Some(period_us));
     }
-    let unread = Cell::new(0);
-    let captures = readable(captures.frame_sets(), &unread);
+    captures.set_period_us(options.period_us());
+    if let Some(count @ ..2) = captures.count() {
+        return Err(few(folder, count));
+    }
+    let (came, unread) = (Cell::new(0), Cell::new(0));
+    let counted = captures.frame_sets().inspect(|_| came.set(came.get() + 1));
+    let captures = readable(counted, &unread);
     let summary = follow(options, rig, folder, captures, out)?;
+    if came.get() < 2 {
+        return Err(few(folder, came.get()));
+    }
     judged(folder, summary, unread.get())
 }
 

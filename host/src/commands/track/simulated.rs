@@ -4,9 +4,9 @@ use super::super::by_hand;
 use super::super::progress::{Progress, StatusLine};
 use super::absences::Absences;
 use super::page::{self, TrackPage};
-use super::{TrackOptions, introduce, vector};
+use super::{COLUMNS, TrackOptions, add_outcome, introduce, known, vector};
 use crate::commands::failure::Failure;
-use crate::commands::json;
+use crate::commands::{csv_rows, json};
 use serde_json::json;
 use std::io::Write;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use trinocular::run_report::HandEye;
 use trinocular::servo::path::TargetPath;
 use trinocular::servo::recording::observers;
 use trinocular::servo::simulated::{ServoTiming, SimulatedServo, SimulatedStep};
-use trinocular::servo::visual_servo::{ServoEstimate, ServoOutcome, ServoStep};
+use trinocular::servo::visual_servo::{ServoOutcome, ServoStep};
 use trinocular::servo::world::SimulatedWorld;
 use trinocular_client::diagnosis;
 use trinocular_client::observer::StationObserver;
@@ -88,13 +88,15 @@ fn follow(
     let servo = SimulatedServo::start_observed(&mut world, &rig, timing, estimator, observers);
     let mut servo = servo.map_err(failed)?;
     let mut absences = Absences::new(&file.names);
-    let mut line = StatusLine::new(options.json);
+    let mut line = StatusLine::new(options.json || options.csv);
     let mut progress = match line {
         Some(_) => Progress::hidden(),
         None => Progress::new("following"),
     };
     let (mut squares, mut worst, mut count, mut unused) = ([0.0; 3], [0.0f64; 3], 0u32, 0u32);
-    if !options.json && line.is_none() {
+    if options.csv {
+        csv_rows::header(out, &COLUMNS)?;
+    } else if !options.json && line.is_none() {
         writeln!(
             out,
             "{:>8}  {:>26}  {:>26}  {:>26}  position  outcome",
@@ -133,7 +135,7 @@ fn follow(
             absences.warn(&step.turn.absent);
             match &mut line {
                 Some(line) => line.show(|rate| status(&step, error, rate)),
-                None => print(options.json, &step, error, &absences, out)?,
+                None => print(options, &step, error, &absences, out)?,
             }
         }
         Ok(false)
@@ -187,7 +189,7 @@ fn status(step: &SimulatedStep, error: [f64; 3], rate: f64) -> String {
 }
 
 fn print(
-    as_json: bool,
+    options: &TrackOptions,
     step: &SimulatedStep,
     error: [f64; 3],
     absences: &Absences,
@@ -204,32 +206,22 @@ fn print(
         absent,
         trust,
     } = turn;
-    let known = diagnosis::position(*trust);
-    if as_json {
+    let position = diagnosis::position(*trust);
+    if options.json || options.csv {
         let trust = diagnosis::trust(*trust);
         let mut object = json!({
             "time_s": time_s, "target_mm": target_mm, "camera_mm": camera_mm, "trust": trust,
         });
         absences.note(absent, &mut object);
-        match outcome {
-            ServoOutcome::Used(ServoEstimate {
-                displacement_mm,
-                sigma_mm,
-                points,
-                latency_us,
-            }) => {
-                object["displacement_mm"] = json!(displacement_mm);
-                object["sigma_mm"] = json!(sigma_mm);
-                object["points"] = json!(points);
-                object["latency_ms"] = json!(f64::from(*latency_us) * 1e-3);
-            }
-            other => object["refused"] = json!(reason(other)),
-        }
-        return Ok(json::line(out, &object)?);
+        add_outcome(&mut object, outcome);
+        return match options.json {
+            true => Ok(json::line(out, &object)?),
+            false => Ok(csv_rows::row(out, &COLUMNS, object)?),
+        };
     }
     writeln!(
         out,
-        "{time_s:>8.3}  {}  {}  {}  {known:>8}  {}{}",
+        "{time_s:>8.3}  {}  {}  {}  {position:>8}  {}{}",
         vector(target_mm),
         vector(camera_mm),
         vector(&error),
@@ -241,7 +233,7 @@ fn print(
 
 fn reason(outcome: &ServoOutcome) -> String {
     match outcome {
-        ServoOutcome::Used(estimate) => format!("{} points", estimate.points),
+        ServoOutcome::Used(estimate) => known(estimate),
         other => other.refusal().unwrap_or_default(),
     }
 }

@@ -7,11 +7,13 @@ use std::path::Path;
 use super::board::Board;
 use super::find::{FoundBoard, find};
 use super::intrinsics::{self, Intrinsics, Verdict};
-use super::photographs::{self, Photographs, Series};
+use super::photographs::{self, Photographs};
 use super::rejection::ImageRejection;
 use super::rig::{self, Instant, RigCamera, RigSolution};
 use super::stand::doubts;
-use crate::images::folder::read_any;
+use crate::images::Image;
+use crate::images::decode::Picture;
+use crate::images::series::{Images, Series};
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::{RigFile, TRINOCULAR};
 
@@ -185,22 +187,34 @@ pub fn calibrate(
     settings: &CalibrationSettings,
     progress: &mut dyn FnMut(f64),
 ) -> Result<Calibration, InputError> {
-    let Photographs { series, .. } = photographs::list(dir)?;
-    let total: usize = series.iter().map(|s| s.files.len()).sum();
+    calibrate_listed(dir, &photographs::list(dir)?, settings, progress)
+}
+
+/// Does the same as [`calibrate`] with listed images; errors name `dir`.
+///
+/// # Errors
+/// See [`calibrate`].
+pub fn calibrate_listed(
+    dir: &Path,
+    photographs: &Photographs,
+    settings: &CalibrationSettings,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Calibration, InputError> {
+    let Photographs { series, .. } = photographs;
+    let total: usize = series.iter().map(|one| one.stills().len()).sum();
     let mut done = 0;
     let mut cameras = Vec::with_capacity(series.len());
     let mut instants: BTreeMap<String, Instant> = BTreeMap::new();
     for (index, one) in series.iter().enumerate() {
         let mut next = || {
             done += 1;
-            progress(done as f64 / total as f64);
+            progress((done as f64 / total.max(1) as f64).min(1.0));
         };
         let (camera, found) = calibrate_camera(dir, one, settings, &mut next)?;
-        for (((instant, _), found), pose) in
-            one.files.iter().zip(found).zip(&camera.intrinsics.poses)
-        {
+        let looked = found.instants.into_iter().zip(found.boards);
+        for ((instant, found), pose) in looked.zip(&camera.intrinsics.poses) {
             let seen = instants
-                .entry(instant.clone())
+                .entry(instant)
                 .or_insert_with(|| vec![None; series.len()]);
             // An image that its own camera has rejected is not used for the rig either.
             seen[index] = found
@@ -222,37 +236,70 @@ pub fn calibrate(
     })
 }
 
+/// Boards in the images of one camera.
+#[derive(Default)]
+struct Looked {
+    /// Names of the images' instants.
+    instants: Vec<String>,
+    /// Names of the images.
+    files: Vec<String>,
+    boards: Vec<Result<FoundBoard, ImageRejection>>,
+}
+
+/// Looks for the board in every image of the series, once each: a pipe's come only once.
+fn look(
+    series: &Series,
+    settings: &CalibrationSettings,
+    size: &mut Option<[u32; 2]>,
+    next: &mut dyn FnMut(),
+) -> Looked {
+    let mut looked = Looked::default();
+    let mut add = |instant: String, file: String, picture: Result<Picture, InputError>| {
+        looked.instants.push(instant);
+        looked.files.push(file);
+        looked.boards.push(corners(picture, settings, size));
+        next();
+    };
+    match &series.images {
+        Images::Stills(stills) => {
+            for still in stills {
+                add(still.instant.clone(), still.name(), still.read(None));
+            }
+        }
+        Images::Pipe(pipe) => {
+            for number in 1.. {
+                let Some(picture) = pipe.next(None) else {
+                    break;
+                };
+                add(number.to_string(), format!("frame {number}"), picture);
+            }
+        }
+    }
+    looked
+}
+
 fn calibrate_camera(
     dir: &Path,
     series: &Series,
     settings: &CalibrationSettings,
     next: &mut dyn FnMut(),
-) -> Result<(CameraResult, Vec<Result<FoundBoard, ImageRejection>>), InputError> {
+) -> Result<(CameraResult, Looked), InputError> {
     let mut size = None;
-    let mut found = Vec::with_capacity(series.files.len());
-    for (_, path) in &series.files {
-        found.push(corners(path, settings, &mut size));
-        next();
-    }
+    let mut looked = look(series, settings, &mut size, next);
     let fault =
         |reason: String| InputError::file(dir, format!("camera `{}`: {reason}", series.name));
-    let files: Vec<String> = series
-        .files
-        .iter()
-        .map(|(_, path)| file_name(path))
-        .collect();
-    reject_repeated(&files, &mut found);
+    let files = looked.files.clone();
+    reject_repeated(&files, &mut looked.boards);
+    let found = &looked.boards;
     // No readable image counts as too few images.
     let image_size_px = size.unwrap_or_default();
-    let intrinsics =
-        intrinsics::calibrate(&settings.board, image_size_px, &found, settings.outlier).map_err(
-            |(refusal, verdicts)| {
-                let reasons: Vec<String> = std::iter::once(refusal.to_string())
-                    .chain(by_reason(&files, &verdicts))
-                    .collect();
-                fault(reasons.join("; "))
-            },
-        )?;
+    let intrinsics = intrinsics::calibrate(&settings.board, image_size_px, found, settings.outlier)
+        .map_err(|(refusal, verdicts)| {
+            let reasons: Vec<String> = std::iter::once(refusal.to_string())
+                .chain(by_reason(&files, &verdicts))
+                .collect();
+            fault(reasons.join("; "))
+        })?;
     let name = series.name.clone();
     Ok((
         CameraResult {
@@ -261,7 +308,7 @@ fn calibrate_camera(
             image_size_px,
             intrinsics,
         },
-        found,
+        looked,
     ))
 }
 
@@ -305,20 +352,15 @@ fn by_reason(files: &[String], verdicts: &[Verdict]) -> Vec<String> {
     groups.into_iter().map(text).collect()
 }
 
-fn file_name(path: &Path) -> String {
-    path.file_name()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned()
-}
-
-/// Finds the board in one file; `size` is the size of the camera's images, once one has been read.
+/// Finds the board in one image; `size` is the size of the camera's images, once one has been read.
 fn corners(
-    path: &Path,
+    picture: Result<Picture, InputError>,
     settings: &CalibrationSettings,
     size: &mut Option<[u32; 2]>,
 ) -> Result<FoundBoard, ImageRejection> {
-    let image = read_any(path).map_err(|error| ImageRejection::Unreadable(error.reason))?;
+    let picture = picture.map_err(|error| ImageRejection::Unreadable(error.reason))?;
+    let bits = picture.bits_in_use();
+    let image: Image = picture.scaled(bits);
     let own = [image.width, image.height].map(|side| side as u32);
     let first = *size.get_or_insert(own);
     if own != first {

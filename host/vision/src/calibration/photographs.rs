@@ -3,163 +3,103 @@
 //! ```text
 //! boards/left/01.png   boards/right/01.png   a folder per camera; equal names, equal instants
 //! boards/left01.png    boards/right01.png    or all in one: the camera's name, then a number
+//! boards/left.y4m      boards/right.y4m      or a TIFF stack or Y4M video per camera
 //! ```
 //!
 //! The names' endings (`.png`, `.jpg`) do not matter. Names in one folder with a date or a time are
 //! those of one camera: their last number does not distinguish cameras.
 
-use std::collections::BTreeMap;
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::images::folder;
+use crate::images::series::Series;
+use crate::images::series::layout::{self, Found, split_ending};
+use crate::images::series::pairing::{self, Rule};
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::TRINOCULAR;
 
-/// Images of one camera.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Series {
-    /// Name of the camera.
-    pub name: String,
-    /// Images by the name of their instant, in order.
-    pub files: Vec<(String, PathBuf)>,
-}
-
 /// Images of all cameras.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct Photographs {
     /// Images of each camera; left, middle and right come first, in this order.
     pub series: Vec<Series>,
     /// Warnings of images in formats that are not read.
     pub warnings: Vec<InputError>,
+    /// Rule by which images are of one instant; `None` for equal names, unless the caller gave it.
+    pub pairing: Option<String>,
 }
 
-/// Lists the images in `dir`, at least one camera's.
+/// Lists the images in a folder, or in one stack or video; at least one camera's.
 ///
 /// # Errors
 /// [`InputError`] if a folder cannot be listed, or there is no image.
-pub fn list(dir: &Path) -> Result<Photographs, InputError> {
-    if !dir.is_dir() {
-        return Err(InputError::file(dir, "no such folder"));
-    }
-    let io = |cause| InputError::io(dir, "list", &cause);
-    let mut series = Vec::new();
-    let mut unread = Vec::new();
-    for entry in fs::read_dir(dir).map_err(io)? {
-        let path = entry.map_err(io)?.path();
-        let name = path
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
-        if path.is_dir() && !name.starts_with('.') {
-            let listing = folder::listing(&path)?;
-            unread.extend(listing.remark().map(|remark| format!("{name}: {remark}")));
-            let files = named(&path, listing.files);
-            if !files.is_empty() {
-                series.push(Series { name, files });
-            }
-        }
-    }
-    if series.is_empty() {
-        let listing = folder::listing(dir)?;
-        unread.extend(listing.remark());
-        series = by_prefix(dir, listing.files);
-    }
+pub fn list(input: &Path) -> Result<Photographs, InputError> {
+    list_paired(input, None)
+}
+
+/// Does the same as [`list`] with a rule by which images are of one instant.
+///
+/// # Errors
+/// Those of [`list`], and if the rule cannot be applied.
+pub fn list_paired(input: &Path, rule: Option<Rule>) -> Result<Photographs, InputError> {
+    let Found { mut series, unread } = layout::of_all(input)?;
+    let said = |place: &Path, said: &str| match place.strip_prefix(input) {
+        Ok(inner) if inner != Path::new("") => format!("{}: {said}", inner.display()),
+        _ => said.to_owned(),
+    };
+    let unread: Vec<String> = unread
+        .iter()
+        .map(|(place, text)| said(place, text))
+        .collect();
     if series.is_empty() {
         let reason = "holds no images; expected a folder of PNG, JPEG, PNM, TIFF, BMP or WebP files \
-                      for each camera";
+                      for each camera, or a TIFF stack or Y4M video";
         let reason = std::iter::once(reason.to_owned()).chain(unread);
-        return Err(InputError::file(dir, reason.collect::<Vec<_>>().join("; ")));
-    }
-    let warnings = unread.into_iter();
-    let warnings = warnings
-        .map(|remark| InputError::file(dir, remark))
-        .collect();
-    for Series { files, .. } in &mut series {
-        files.sort_by_cached_key(|(instant, path)| (folder::numbers_padded(instant), path.clone()));
+        return Err(InputError::file(
+            input,
+            reason.collect::<Vec<_>>().join("; "),
+        ));
     }
     let rank = |name: &str| {
-        TRINOCULAR
-            .iter()
-            .position(|known| *known == name)
-            .unwrap_or(TRINOCULAR.len())
+        let known = TRINOCULAR.iter().position(|known| *known == name);
+        known.unwrap_or(TRINOCULAR.len())
     };
-    series.sort_by_cached_key(|s| {
-        (
-            rank(&s.name),
-            folder::numbers_padded(&s.name),
-            s.name.clone(),
-        )
+    series.sort_by_cached_key(|one| {
+        let padded = folder::numbers_padded(&one.name);
+        (rank(&one.name), padded, one.name.clone())
     });
-    Ok(Photographs { series, warnings })
-}
-
-fn named(dir: &Path, names: impl IntoIterator<Item = String>) -> Vec<(String, PathBuf)> {
-    names
-        .into_iter()
-        .map(|name| (stem(&name).to_owned(), dir.join(&name)))
-        .collect()
-}
-
-fn stem(name: &str) -> &str {
-    name.rsplit_once('.').map_or(name, |(stem, _)| stem)
-}
-
-/// Returns true if the part of a name before its last number holds a date or a time: two or more
-/// numbers, or one of six digits or more.
-fn has_time_stamp(camera: &str) -> bool {
-    let numbers = camera.split(|c: char| !c.is_ascii_digit());
-    let lengths: Vec<usize> = numbers.map(str::len).filter(|length| *length > 0).collect();
-    lengths.len() >= 2 || lengths.iter().any(|length| *length >= 6)
-}
-
-/// Groups the images of several cameras in one folder. Names that do not all end in numbers, or that
-/// hold a time stamp, belong to one camera.
-fn by_prefix(dir: &Path, names: impl IntoIterator<Item = String>) -> Vec<Series> {
-    let all = named(dir, names);
-    let split = |stem: &str| {
-        let camera = stem.trim_end_matches(|c: char| c.is_ascii_digit());
-        let instant = stem[camera.len()..].to_owned();
-        (
-            camera.trim_end_matches(['_', '-', ' ', '.']).to_owned(),
-            instant,
-        )
-    };
-    let own_name = || {
-        let full = fs::canonicalize(dir).unwrap_or_else(|_| dir.to_owned());
-        full.file_name().map_or("camera".to_owned(), |name| {
-            name.to_string_lossy().into_owned()
-        })
-    };
-    let is_numbered = all.iter().all(|(stem, _)| {
-        let (camera, instant) = split(stem);
-        !camera.is_empty() && !instant.is_empty()
-    });
-    if !is_numbered
-        || all
-            .iter()
-            .any(|(stem, _)| has_time_stamp(split(stem).0.as_str()))
-    {
-        return vec![Series {
-            name: own_name(),
-            files: all,
-        }];
+    for stills in series.iter_mut().filter_map(Series::stills_mut) {
+        for still in stills.iter_mut() {
+            // Endings do not matter. A number in the middle of a name keeps its point.
+            if still.name() == still.instant {
+                still.instant = split_ending(&still.instant).0.to_owned();
+            }
+        }
+        stills.sort_by_cached_key(|still| {
+            (folder::numbers_padded(&still.instant), still.file.clone())
+        });
     }
-    let mut cameras: BTreeMap<String, Vec<(String, PathBuf)>> = BTreeMap::new();
-    for (stem, path) in all {
-        let (camera, instant) = split(&stem);
-        cameras.entry(camera).or_default().push((instant, path));
-    }
-    cameras
-        .into_iter()
-        .map(|(name, files)| Series { name, files })
-        .collect()
+    let pairing = match series.len() {
+        1 => None,
+        _ => {
+            let paired = pairing::pair(&mut series, rule);
+            paired
+                .map_err(|reason| InputError::file(input, reason))?
+                .said
+        }
+    };
+    let warnings = unread.into_iter();
+    Ok(Photographs {
+        series,
+        warnings: warnings.map(|said| InputError::file(input, said)).collect(),
+        pairing: pairing.map(|said| format!("images of one instant by {said}")),
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     fn files(names: &[&str]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
@@ -174,7 +114,7 @@ mod tests {
     fn listed(names: &[&str]) -> Vec<(String, Vec<String>)> {
         let folder = files(names);
         let Photographs { series, .. } = list(folder.path()).unwrap();
-        let instants = |s: &Series| s.files.iter().map(|(instant, _)| instant.clone()).collect();
+        let instants = |s: &Series| s.stills().iter().map(|s| s.instant.clone()).collect();
         series
             .iter()
             .map(|s| (s.name.clone(), instants(s)))

@@ -18,6 +18,7 @@ use std::collections::BTreeMap;
 use super::consensus::PointFlow;
 use super::displacement_search::DisplacementSearch;
 use super::keyframe::ActiveKeyframe;
+use super::region::Regions;
 use super::temporal::TemporalMatcher;
 use super::{Correspondence, FlowRefusal, Measurement};
 use crate::matching::lucas_kanade::FineTemplate;
@@ -60,8 +61,10 @@ impl InlierCoverage {
         matcher: &TemporalMatcher<'_>,
         search: &DisplacementSearch<'_>,
         measurement: &Measurement,
+        regions: &Regions,
     ) -> Self {
         let reference = matcher.geometry.reference;
+        let camera = keyframe.active.cameras[reference];
         let tracker = CornerTracker {
             matcher,
             search,
@@ -78,7 +81,10 @@ impl InlierCoverage {
         let mut coverage = Self {
             inlier_cells: inlier_cells.len(),
             outlier_cells: 0,
-            visible_cells: grid.count(),
+            visible_cells: grid
+                .centres()
+                .filter(|at| regions.have_start(camera, *at))
+                .count(),
         };
         if coverage.is_most() {
             return coverage;
@@ -108,7 +114,8 @@ impl InlierCoverage {
         let is_there = |corner| tracker.is_at_prediction(corner);
         let are_there = matcher.thread_pool.map(others.clone(), is_there);
         coverage.inlier_cells += are_there.iter().filter(|is| **is).count();
-        let in_view = grid.centres().filter(|at| tracker.stays_in_view(*at));
+        let in_region = grid.centres().filter(|at| regions.have_start(camera, *at));
+        let in_view = in_region.filter(|at| tracker.stays_in_view(*at));
         coverage.visible_cells = in_view.count();
         if coverage.is_most() {
             return coverage;
@@ -169,10 +176,6 @@ impl CellGrid {
     fn cell_at(&self, [x, y]: [f64; 2]) -> usize {
         let index = |c: f64| ((c - Self::MARGIN_PX) / self.side_px).max(0.0) as usize;
         index(y).min(self.rows - 1) * self.columns + index(x).min(self.columns - 1)
-    }
-
-    fn count(&self) -> usize {
-        self.columns * self.rows
     }
 
     fn centres(&self) -> impl Iterator<Item = [f64; 2]> + '_ {

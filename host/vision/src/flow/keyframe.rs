@@ -103,6 +103,12 @@ impl Keyframe {
 }
 
 impl Flow {
+    /// Returns true if the point is in the regions of all cameras.
+    fn is_within(&self, active: &ActiveCameras, matched: &StereoMatch) -> bool {
+        let mut cameras = active.cameras.iter().zip(&matched.pixels);
+        cameras.all(|(camera, pixel)| self.regions.have_start(*camera, *pixel))
+    }
+
     /// Does the same as [`Flow::set_keyframe`] with a frame set that is already filtered, for
     /// instance by the last measurement.
     ///
@@ -122,12 +128,15 @@ impl Flow {
         let reference = active.geometry.reference;
 
         // Shi-Tomasi corners of the reference camera's image.
-        let corners = corner::corners(
+        let whole = active.cameras[reference];
+        let regions = &self.regions;
+        let corners = corner::corners_within(
             &pyramids[reference].levels[0],
             FineTemplate::MARGIN + 1,
             settings.min_spacing_px,
             settings.max_corners,
             thread_pool,
+            |at| regions.have_start(whole, at.map(|c| c as f64)),
         );
         observer.stage_done(PipelineStage::Corners);
         let (found, least) = (corners.len(), settings.min_points);
@@ -162,6 +171,9 @@ impl Flow {
             let found = thread_pool.map(batch.to_vec(), |place| matcher.find(place));
             for (place, found) in batch.iter().zip(found) {
                 match found {
+                    Ok(matched) if !self.is_within(&active, &matched) => {
+                        rejected.add(Reject::OutOfView);
+                    }
                     Ok(matched) => matches.push(matched),
                     Err(reject) => {
                         unmatched.push(*place);

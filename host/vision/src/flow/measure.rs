@@ -152,7 +152,18 @@ impl Flow {
         let mut tracked: Vec<Correspondence> = Vec::with_capacity(keyframe.matches.len());
         let matches: Vec<&StereoMatch> = keyframe.matches.iter().collect();
         let mut rejected_points = Vec::new();
-        let track = |matched| (matched, matcher.track_point(matched, rough_mm));
+        let cameras = &keyframe.active.cameras;
+        let is_masked = |point: &Correspondence| {
+            let mut pixels = cameras.iter().zip(&point.pixels);
+            pixels.any(|(camera, [_, now])| !self.regions.have(*camera, *now))
+        };
+        let track = |matched| {
+            let point = matcher.track_point(matched, rough_mm);
+            match point {
+                Ok(point) if is_masked(&point) => (matched, Err(Reject::OutOfView)),
+                point => (matched, point),
+            }
+        };
         for (matched, point) in self.thread_pool.map(matches, track) {
             match point {
                 Ok(point) => tracked.push(point),
@@ -187,7 +198,8 @@ impl Flow {
         };
         match &tracking.result {
             Ok(measurement) => {
-                let coverage = InlierCoverage::of(keyframe, &matcher, &search, measurement);
+                let coverage =
+                    InlierCoverage::of(keyframe, &matcher, &search, measurement, &self.regions);
                 if let Err(refusal) = coverage.judge() {
                     tracking.result = Err(refusal);
                 }

@@ -27,6 +27,7 @@
 //! | measure displacement and rotation instead | `turned` |
 //! | refuse a rotating target, leave out a skewed camera | [`rotation`], [`sync`] |
 //! | refuse inliers that are not most of the image | `coverage` |
+//! | restrict points to a region of interest | [`region`] |
 //! | leave out missing, blank and frozen cameras | [`active_cameras`], [`frozen`] |
 //!
 //! *Invariant:* a measurement is never based on a choice between explanations that fit alike; such
@@ -74,6 +75,7 @@ mod measurement;
 pub mod mistake;
 mod pyramid_pool;
 mod refusal;
+pub mod region;
 pub mod rotation;
 mod settings;
 mod stage;
@@ -89,6 +91,7 @@ use keyframe::Keyframe;
 pub use measurement::{Correspondence, Measurement, RejectedPoint};
 use pyramid_pool::PyramidPool;
 pub use refusal::FlowRefusal;
+use region::Regions;
 pub use settings::FlowSettings;
 pub use stage::{PipelineStage, StageObserver};
 pub use turned::PoseMeasurement;
@@ -102,6 +105,7 @@ pub use turned::PoseMeasurement;
 pub struct Flow {
     geometry: RigGeometry,
     settings: FlowSettings,
+    regions: Regions,
     keyframe: Option<Keyframe>,
     frozen_cameras: FrozenCameras,
     pyramid_pool: PyramidPool,
@@ -118,6 +122,7 @@ impl Flow {
             geometry: RigGeometry::new(rig).ok_or(FlowRefusal::WrongRig)?,
             thread_pool: ThreadPool::new(settings.threads),
             settings,
+            regions: Regions::default(),
             keyframe: None,
             frozen_cameras: FrozenCameras::default(),
             pyramid_pool: PyramidPool::default(),
@@ -127,6 +132,11 @@ impl Flow {
     /// Returns the threads that share the work of this tracker.
     pub fn thread_pool(&self) -> &ThreadPool {
         &self.thread_pool
+    }
+
+    /// Restricts the points to regions of the cameras' images, from the next keyframe on.
+    pub fn set_regions(&mut self, regions: Regions) {
+        self.regions = regions;
     }
 
     /// Makes `frame_set` the keyframe of all later measurements.

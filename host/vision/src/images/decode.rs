@@ -1,14 +1,16 @@
 //! Decoding of images: bytes of a PNG, JPEG, PNM, TIFF, BMP or WebP file to a grey image.
 //!
-//! Of a TIFF file with several pages, the first is the image.
+//! Of a TIFF file with several pages, the first is the image; stacks are read by
+//! [`series`](super::series).
 //!
 //! All claims of a file are checked before they cost anything: its size in pixels, the memory that
 //! decoding takes, and that the file is whole and long enough for such an image. Metadata are never
 //! inflated. A panic of a decoder is an error of the file and does not end the program.
 //!
-//! *Invariant:* every image of every command comes through [`decode_deep`], live JPEG images too.
+//! *Invariant:* every encoded image of every command comes through [`decode_deep`] or
+//! [`decode_tiff`], live JPEG images too.
 
-use std::io::Cursor;
+use std::io::{BufRead, Cursor, Seek};
 
 use image::codecs::bmp::BmpDecoder;
 use image::codecs::jpeg::JpegDecoder;
@@ -95,10 +97,36 @@ pub fn decode(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Image, Refusal>
 /// # Errors
 /// [`Refusal`], also if the decoder panics.
 pub fn decode_deep(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Picture, Refusal> {
-    panic::caught(|| decode_as_claimed(bytes, size_px)).unwrap_or_else(|| {
-        let reason = "its content confuses the decoder";
-        Err(Refusal::Malformed(reason.to_owned()))
-    })
+    panic::caught(|| decode_as_claimed(bytes, size_px)).unwrap_or_else(|| Err(confused()))
+}
+
+/// Decodes the first page of a TIFF file of `length` bytes. See [`decode_deep`].
+///
+/// # Errors
+/// [`Refusal`], also if the decoder panics.
+pub fn decode_tiff(
+    reader: impl BufRead + Seek,
+    length: u64,
+    size_px: Option<[u32; 2]>,
+) -> Result<Picture, Refusal> {
+    let decode = || {
+        let judge = Judge {
+            length,
+            size_px,
+            extra: 0,
+        };
+        judge.whole(TiffDecoder::new(reader)?, tiff_least)
+    };
+    panic::caught(decode).unwrap_or_else(|| Err(confused()))
+}
+
+fn confused() -> Refusal {
+    Refusal::Malformed("its content confuses the decoder".to_owned())
+}
+
+/// Returns the least length of a TIFF file of this size, bytes.
+fn tiff_least([width, height]: [u64; 2]) -> u64 {
+    width * height / TIFF_AT_BEST
 }
 
 fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Picture, Refusal> {
@@ -108,7 +136,7 @@ fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Picture,
             let file = png::without_metadata(bytes)?;
             let least = |size| png::least_bytes(bytes, size);
             let judge = Judge {
-                bytes,
+                length: bytes.len() as u64,
                 size_px,
                 extra: file.len() as u64,
             };
@@ -119,7 +147,7 @@ fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Picture,
         Some(ImageFormat::Jpeg) => {
             let frame = jpeg::frame(bytes)?;
             let judge = Judge {
-                bytes,
+                length: bytes.len() as u64,
                 size_px,
                 extra: frame.coefficient_bytes(),
             };
@@ -136,8 +164,7 @@ fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Picture,
         }
         Some(ImageFormat::Tiff) => {
             let decoder = TiffDecoder::new(Cursor::new(bytes))?;
-            Judge::plain(bytes, size_px)
-                .whole(decoder, |[width, height]| width * height / TIFF_AT_BEST)
+            Judge::plain(bytes, size_px).whole(decoder, tiff_least)
         }
         Some(ImageFormat::Bmp) => {
             let decoder = BmpDecoder::new(Cursor::new(bytes))?;
@@ -157,18 +184,19 @@ fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Picture,
 }
 
 /// Check of a file's claims against the limits.
-struct Judge<'a> {
-    bytes: &'a [u8],
+struct Judge {
+    /// Length of the file, bytes.
+    length: u64,
     size_px: Option<[u32; 2]>,
     /// Memory that the decoder needs beside its output, bytes.
     extra: u64,
 }
 
-impl<'a> Judge<'a> {
+impl Judge {
     /// Creates the judge of a file whose decoder needs no more memory than its output.
-    fn plain(bytes: &'a [u8], size_px: Option<[u32; 2]>) -> Self {
+    fn plain(bytes: &[u8], size_px: Option<[u32; 2]>) -> Self {
         Self {
-            bytes,
+            length: bytes.len() as u64,
             size_px,
             extra: 0,
         }
@@ -198,7 +226,7 @@ impl<'a> Judge<'a> {
         if u64::from(width) * u64::from(height) > MOST_PIXELS {
             return Err(Refusal::TooLarge(width, height));
         }
-        if (self.bytes.len() as u64) < least([width.into(), height.into()]) {
+        if self.length < least([width.into(), height.into()]) {
             return Err(Refusal::CutOff("it is too short for an image of its size"));
         }
         Ok(())
@@ -216,7 +244,8 @@ impl<'a> Judge<'a> {
         // The decoded image is the one that was checked.
         self.size([width, height], |_| 0)?;
         let pixels = u64::from(width) * u64::from(height);
-        let file = self.bytes.len() as u64;
+        // A page of a stack is read piece by piece.
+        let file = self.length.min(LARGEST_FILE);
         let grey = match decoder.color_type() {
             // The decoder's output is the grey image.
             ColorType::L16 => pixels,

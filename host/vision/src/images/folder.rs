@@ -1,4 +1,5 @@
-//! Frame sets as files: one folder per camera, equal file names for images of the same instant.
+//! Frame sets as files: a folder, TIFF stack or video per camera ([`series`](super::series)). In
+//! folders, equal file names are images of the same instant.
 //!
 //! ```text
 //! captures/left/000000.png    captures/middle/000000.png    captures/right/000000.png
@@ -7,24 +8,26 @@
 //!
 //! PNG, JPEG, PNM, TIFF, BMP and WebP files are read. Values of 16-bit files are scaled by the bits
 //! that the frame sets use, all images of a frame set alike. Images in other formats are named
-//! once and skipped; hidden files and all others are skipped. A name of an image that is not a file (a pipe, a folder, a
-//! dangling link) is an unreadable image. Colour is converted to grey by its luminance. Frame sets
-//! come in the order of their names, in which numbers count as numbers: `view9.png` comes before
+//! once and skipped; hidden files and all others are skipped. A name of an image that is not a file
+//! (a pipe, a folder, a dangling link) is an unreadable image. Colour is converted to grey by its
+//! luminance. Frame sets come in the order of their names, in which numbers count as numbers: `view9.png` comes before
 //! `view10.png`.
 //!
 //! A camera may lack some files, for instance after it failed while the others went on; its images
 //! are then [`Image::missing`]. [`Folder::complete`] requires all files.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use image::{ExtendedColorType, ImageFormat};
 
-use super::decode::{LARGEST_FILE, Picture, Refusal, decode, decode_deep};
+use super::decode::Picture;
+use super::series::layout::{self, Found};
+use super::series::pairing::{self, Pairing, Rule};
+use super::series::{Images, Series, Still};
 use super::{FrameSet, Image};
 use trinocular_rig::error::InputError;
-use trinocular_rig::input::{self, Limit};
 
 pub mod watch;
 
@@ -81,13 +84,16 @@ impl Listing {
     }
 }
 
-/// Listed folder of frame sets. *Invariant:* at least one frame set had a file in every camera's
-/// folder at the time of the listing.
+/// Listed frame sets. *Invariant:* at least one frame set had an image of every camera at the time of
+/// the listing, unless they come through pipes.
 #[derive(Clone, Debug)]
 pub struct Folder {
-    /// Folder of each camera, in the rig's order, with the files in it.
-    cameras: Vec<(PathBuf, BTreeSet<String>)>,
+    /// Images of each camera, in the rig's order.
+    cameras: Vec<Series>,
+    /// Index of each camera's image by the name of its instant.
+    places: Vec<HashMap<String, usize>>,
     frames: Vec<String>,
+    pairing: Pairing,
     size_px: [u32; 2],
     period_us: u64,
     /// Images that are not read, per folder, and the depth of the first frame set.
@@ -97,15 +103,15 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Lists the frame sets in `dir`, whose subfolders are `names`, one per camera in the rig's
-    /// order.
+    /// Lists the frame sets in `dir`: the images of the cameras `names`, in the rig's order, in any
+    /// of the forms of [`series`](super::series).
     ///
     /// Only the first whole frame set is opened, for the bits in use. `image_size_px`
-    /// (width, height) is the size that every image must
-    /// have, `period_us` the time between frame sets.
+    /// (width, height) is the size that every image must have, `period_us` the time between frame
+    /// sets.
     ///
     /// # Errors
-    /// [`InputError`] if a camera has no folder, or no frame set has a file of every camera: then
+    /// [`InputError`] if a camera has no images, or no frame set has an image of every camera: then
     /// the names are wrong rather than files lost.
     ///
     /// # Example
@@ -136,41 +142,55 @@ impl Folder {
         image_size_px: [u32; 2],
         period_us: u64,
     ) -> Result<Self, InputError> {
-        if !dir.is_dir() {
-            return Err(InputError::file(dir, "no such folder"));
-        }
-        let mut unread = Vec::new();
-        let listed = |name| {
-            let camera = dir.join(name);
-            let listing = listing(&camera)?;
-            unread.extend(listing.remark().map(|remark| format!("{name}: {remark}")));
-            Ok((camera, listing))
+        Self::open_paired(dir, names, image_size_px, period_us, None)
+    }
+
+    /// Does the same as [`Folder::open`] with a rule by which images are of one instant.
+    ///
+    /// # Errors
+    /// Those of [`Folder::open`], and if the rule cannot be applied.
+    pub fn open_paired(
+        dir: &Path,
+        names: &[String],
+        image_size_px: [u32; 2],
+        period_us: u64,
+        rule: Option<Rule>,
+    ) -> Result<Self, InputError> {
+        let Found { series, unread } = layout::of_cameras(dir, names)?;
+        let mut folder = Self {
+            places: Vec::new(),
+            frames: Vec::new(),
+            cameras: series,
+            pairing: Pairing::default(),
+            size_px: image_size_px,
+            period_us,
+            warnings: unread
+                .iter()
+                .map(|(place, said)| InputError::file(place, said))
+                .collect(),
+            depth_bits: 8,
         };
-        let cameras = names.iter().map(listed).collect::<Result<Vec<_>, _>>()?;
-        let warnings = cameras.iter();
-        let warnings = warnings.filter_map(|(camera, listing)| listing.warning(camera));
-        let warnings = warnings.collect();
-        let cameras: Vec<_> = cameras
-            .into_iter()
-            .map(|(camera, l)| (camera, l.files))
-            .collect();
-        let mut frames: Vec<String> = cameras.iter().flat_map(|(_, f)| f).cloned().collect();
-        frames.sort_by_cached_key(|name| (numbers_padded(name), name.clone()));
-        frames.dedup();
-        if frames.is_empty() {
+        let has_pipe = folder.has_pipe();
+        if !has_pipe
+            && folder
+                .cameras
+                .iter()
+                .all(|camera| camera.stills().is_empty())
+        {
             let reason = "holds no images; each camera's folder should have PNG, JPEG, PNM, TIFF, \
                           BMP or WebP files";
+            let name = |place: &Path| place.file_name().unwrap_or_default().to_owned();
+            let unread = unread.iter();
+            let unread = unread.map(|(at, said)| format!("{}: {said}", name(at).to_string_lossy()));
             let reason = std::iter::once(reason.to_owned()).chain(unread);
             return Err(InputError::file(dir, reason.collect::<Vec<_>>().join("; ")));
         }
-        let mut folder = Self {
-            cameras,
-            frames,
-            size_px: image_size_px,
-            period_us,
-            warnings,
-            depth_bits: 8,
-        };
+        folder.pairing = pairing::pair(&mut folder.cameras, rule)
+            .map_err(|reason| InputError::file(dir, reason))?;
+        folder.list_frames();
+        if has_pipe {
+            return Ok(folder);
+        }
         folder.look_at_depth(dir);
         let lost: Option<Vec<PathBuf>> = folder.frames.iter().map(|f| folder.lost(f)).collect();
         match lost.as_deref() {
@@ -179,13 +199,53 @@ impl Folder {
                 if let Some(endings) = folder.endings() {
                     error.reason = format!("{}; {endings}", error.reason);
                 }
+                if rule.is_none() {
+                    error.reason += "; --pair order or --pair time pairs images of other names";
+                }
                 Err(error)
             }
             _ => Ok(folder),
         }
     }
 
-    /// Returns the folder if every camera has a file of every frame set.
+    fn has_pipe(&self) -> bool {
+        let mut cameras = self.cameras.iter();
+        cameras.any(|camera| matches!(camera.images, Images::Pipe(_)))
+    }
+
+    /// Sorts the names of all instants, and indexes each camera's images by them.
+    fn list_frames(&mut self) {
+        let stills = self.cameras.iter().flat_map(Series::stills);
+        let mut frames: Vec<String> = stills.map(|still| still.instant.clone()).collect();
+        frames.sort_by_cached_key(|name| (numbers_padded(name), name.clone()));
+        frames.dedup();
+        self.frames = frames;
+        let index = |camera: &Series| {
+            let stills = camera.stills().iter().enumerate();
+            stills
+                .map(|(index, still)| (still.instant.clone(), index))
+                .collect()
+        };
+        self.places = self.cameras.iter().map(index).collect();
+    }
+
+    /// Returns a camera's image of the frame set, if it has one.
+    fn still(&self, camera: usize, frame: &str) -> Option<&Still> {
+        let index = *self.places.get(camera)?.get(frame)?;
+        self.cameras.get(camera)?.stills().get(index)
+    }
+
+    /// Reads the images of a frame set, with a placeholder for each that is missing.
+    fn views(&self, frame: &str) -> Result<Vec<Picture>, InputError> {
+        let cameras = 0..self.cameras.len();
+        let read = |camera| match self.still(camera, frame) {
+            Some(still) => still.read(Some(self.size_px)),
+            None => Ok(Picture::Eight(Image::missing())),
+        };
+        cameras.map(read).collect()
+    }
+
+    /// Returns the folder if every camera has an image of every frame set.
     ///
     /// # Errors
     /// [`InputError`] with the first file that is missing.
@@ -202,10 +262,8 @@ impl Folder {
         let Some(first) = frames.find(|frame| self.lost(frame).is_none()) else {
             return;
         };
-        let views = self.cameras.iter();
-        let views = views.map(|(camera, _)| read_deep(&camera.join(first), self.size_px));
         // An error is reported when the frame set's turn comes.
-        let Ok(views) = views.collect::<Result<Vec<_>, _>>() else {
+        let Ok(views) = self.views(first) else {
             return;
         };
         if views.iter().all(|view| matches!(view, Picture::Eight(_))) {
@@ -214,14 +272,14 @@ impl Folder {
         self.depth_bits = bits_in_use(&views, 8);
         self.warnings
             .push(InputError::file(dir, scale(self.depth_bits)));
-        for ((camera, _), view) in self.cameras.iter().zip(&views) {
+        for (camera, view) in views.iter().enumerate() {
             let share = view.saturated(self.depth_bits);
             if share > MOST_SATURATED {
                 let percent = 100.0 * share;
                 let reason =
                     format!("{percent:.1} % of the pixels are saturated; shorten the exposure");
-                self.warnings
-                    .push(InputError::file(&camera.join(first), reason));
+                let file = self.still(camera, first).map_or(dir, |still| &still.file);
+                self.warnings.push(InputError::file(file, reason));
             }
         }
     }
@@ -232,73 +290,108 @@ impl Folder {
         &self.warnings
     }
 
+    /// Describes the rule by which images are of one instant; `None` for equal file names, unless
+    /// the caller gave that rule.
+    pub fn pairing(&self) -> Option<String> {
+        let said = self.pairing.said.as_ref()?;
+        let count = match self.has_pipe() {
+            true => String::new(),
+            false => format!("{} ", self.frames.len()),
+        };
+        Some(format!("{count}frame sets by {said}"))
+    }
+
     /// Returns the first file of this frame set that is missing.
     pub fn lost(&self, frame: &str) -> Option<PathBuf> {
-        let mut cameras = self.cameras.iter();
-        let (camera, _) = cameras.find(|(_, files)| !files.contains(frame))?;
-        Some(camera.join(frame))
+        let cameras = self.cameras.iter().enumerate();
+        let mut stills = cameras.filter(|(_, camera)| !matches!(camera.images, Images::Pipe(_)));
+        let (_, camera) = stills.find(|(index, _)| self.still(*index, frame).is_none())?;
+        Some(camera.place.join(frame))
     }
 
     /// Describes the endings of the files, if cameras have files of different endings.
     fn endings(&self) -> Option<String> {
-        let endings_of = |files: &BTreeSet<String>| -> BTreeSet<String> {
-            let names = files.iter();
-            let endings = names.filter_map(|name| name.rsplit_once('.'));
-            endings.map(|(_, ending)| format!(".{ending}")).collect()
-        };
-        let of_camera = |(camera, files): &(PathBuf, BTreeSet<String>)| {
-            let name = camera.file_name().unwrap_or_default().to_string_lossy();
-            let endings: Vec<String> = endings_of(files).into_iter().collect();
-            (name.into_owned(), endings.join(" and "))
+        let of_camera = |camera: &Series| {
+            let endings = camera.stills().iter();
+            let endings = endings.filter_map(|still| still.file.extension());
+            let endings: BTreeSet<String> = endings
+                .map(|ending| format!(".{}", ending.to_string_lossy()))
+                .collect();
+            let endings: Vec<String> = endings.into_iter().collect();
+            (camera.name.clone(), endings.join(" and "))
         };
         let cameras: Vec<(String, String)> = self.cameras.iter().map(of_camera).collect();
-        let (_, first) = cameras.first()?;
+        let (known, first) = cameras.first()?;
         let (name, other) = cameras.iter().find(|(_, endings)| endings != first)?;
-        let (known, _) = cameras.first()?;
         (!first.is_empty() && !other.is_empty()).then(|| {
-            format!(
-                "the images of `{known}` end in {first}, those of `{name}` in {other}; images of \
-                 one instant must have the same file name, its ending included: convert one of \
-                 them"
-            )
+            format!("the images of `{known}` end in {first}, those of `{name}` in {other}")
         })
     }
 
-    /// Returns the file names of the frame sets, in order.
+    /// Returns the names of the frame sets, in order: their files' names if these are equal. Frame
+    /// sets from pipes have none.
     pub fn names(&self) -> &[String] {
         &self.frames
     }
 
-    /// Returns the number of frame sets.
-    pub fn len(&self) -> usize {
-        self.frames.len()
+    /// Returns the number of frame sets; `None` if they come through pipes.
+    pub fn count(&self) -> Option<usize> {
+        (!self.has_pipe()).then_some(self.frames.len())
     }
 
-    /// Returns false for any opened folder, because it has at least one frame set.
-    pub fn is_empty(&self) -> bool {
-        self.frames.is_empty()
+    /// Returns the time between two frames of the videos, µs, if all cameras' images are videos.
+    pub fn video_period_us(&self) -> Option<u64> {
+        let rates: Option<Vec<[u32; 2]>> = self.cameras.iter().map(Series::rate).collect();
+        let [above, below] = rates?.into_iter().next()?.map(f64::from);
+        Some((1e6 * below / above).round() as u64)
+    }
+
+    /// Sets the time between frame sets, µs.
+    pub fn set_period_us(&mut self, period_us: u64) {
+        self.period_us = period_us;
+    }
+
+    /// Returns the capture time of a frame set, µs since the first.
+    fn time_us(&self, index: usize) -> u64 {
+        let stamp = |index| self.pairing.times_us.get(self.frames.get::<usize>(index)?);
+        match (stamp(0), stamp(index)) {
+            (Some(first), Some(now)) => now.abs_diff(*first),
+            _ => self.period_us.saturating_mul(index as u64),
+        }
+    }
+
+    /// Reads the frame set at `index`, of pipes the next one; `None` at the end.
+    fn next_views(&self, index: usize) -> Option<Result<Vec<Picture>, InputError>> {
+        if !self.has_pipe() {
+            return self.frames.get(index).map(|frame| self.views(frame));
+        }
+        let next = |camera: &Series| match &camera.images {
+            Images::Stills(stills) => Some(stills.get(index)?.read(Some(self.size_px))),
+            Images::Pipe(pipe) => Some(pipe.next(Some(self.size_px))?),
+        };
+        // All are taken, so that an error of one camera shifts no other's frames.
+        let views: Vec<_> = self.cameras.iter().map(next).collect();
+        let views: Option<Vec<_>> = views.into_iter().collect();
+        Some(views?.into_iter().collect())
     }
 
     /// Reads the frame sets in order, each at its turn, with placeholders for missing images. A
     /// frame set that cannot be read does not end the iteration.
-    pub fn frame_sets(&self) -> impl ExactSizeIterator<Item = Result<FrameSet, InputError>> + '_ {
+    pub fn frame_sets(&self) -> impl Iterator<Item = Result<FrameSet, InputError>> + '_ {
         let mut depth_bits = self.depth_bits;
-        self.frames.iter().enumerate().map(move |(index, name)| {
-            let views = self
-                .cameras
-                .iter()
-                .map(|(camera, files)| match files.contains(name) {
-                    true => read_deep(&camera.join(name), self.size_px),
-                    false => Ok(Picture::Eight(Image::missing())),
-                })
-                .collect::<Result<Vec<_>, _>>()?;
-            depth_bits = bits_in_use(&views, depth_bits);
-            let time_us = self.period_us.saturating_mul(index as u64);
-            let images = views.into_iter().map(|view| view.scaled(depth_bits));
-            Ok(FrameSet {
-                time_us,
-                images: images.collect(),
-            })
+        let mut index = 0;
+        std::iter::from_fn(move || {
+            let views = self.next_views(index)?;
+            let time_us = self.time_us(index);
+            index += 1;
+            Some(views.map(|views| {
+                depth_bits = bits_in_use(&views, depth_bits);
+                let images = views.into_iter().map(|view| view.scaled(depth_bits));
+                FrameSet {
+                    time_us,
+                    images: images.collect(),
+                }
+            }))
         })
     }
 }
@@ -357,39 +450,7 @@ pub fn read(path: &Path, size_px: [u32; 2]) -> Result<Image, InputError> {
 
 /// Reads one image file as grey with the depth of the file.
 fn read_deep(path: &Path, size_px: [u32; 2]) -> Result<Picture, InputError> {
-    decode_deep(&bytes(path)?, Some(size_px)).map_err(|refusal| {
-        let reason = match refusal {
-            Refusal::OtherSize {
-                given: [width, height],
-                wanted: [w, h],
-            } => {
-                let is_turned = width == h && height == w && width != height;
-                let hint = if is_turned {
-                    ": turn the camera or its images by 90 degrees"
-                } else {
-                    ""
-                };
-                format!("{width} x {height} px, but the rig's images are {w} x {h} px{hint}")
-            }
-            other => other.to_string(),
-        };
-        InputError::file(path, reason)
-    })
-}
-
-/// Reads one image file of any size as grey.
-pub fn read_any(path: &Path) -> Result<Image, InputError> {
-    decode(&bytes(path)?, None).map_err(|refusal| InputError::file(path, refusal.to_string()))
-}
-
-fn bytes(path: &Path) -> Result<Vec<u8>, InputError> {
-    input::bytes(
-        path,
-        Limit {
-            what: "an image",
-            bytes: LARGEST_FILE,
-        },
-    )
+    Still::file("", path.to_owned()).read(Some(size_px))
 }
 
 /// Writes one image as an 8-bit grey PNG.

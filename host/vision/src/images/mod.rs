@@ -22,8 +22,10 @@
 
 pub mod cameras;
 pub mod decode;
+pub mod exposure;
 pub mod folder;
 pub mod render;
+pub mod series;
 mod spline;
 pub mod texture;
 

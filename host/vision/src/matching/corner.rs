@@ -52,6 +52,18 @@ pub fn corners(
     count: usize,
     thread_pool: &ThreadPool,
 ) -> Vec<[usize; 2]> {
+    corners_within(plane, margin, spacing_px, count, thread_pool, |_| true)
+}
+
+/// Does the same as [`corners`] for the pixels that `is_within` accepts.
+pub fn corners_within(
+    plane: &Plane,
+    margin: usize,
+    spacing_px: f64,
+    count: usize,
+    thread_pool: &ThreadPool,
+    is_within: impl Fn([usize; 2]) -> bool,
+) -> Vec<[usize; 2]> {
     let margin = margin.max(RADIUS + 2);
     let columns = plane.width.div_ceil(CELL);
     let mut cells = vec![Vec::new(); columns * plane.height.div_ceil(CELL)];
@@ -65,6 +77,9 @@ pub fn corners(
     };
     for peak in thread_pool.map(bands(plane, thread_pool), peaks).concat() {
         let (_, [x, y]) = peak;
+        if !is_within([x, y]) {
+            continue;
+        }
         cells[y / CELL * columns + x / CELL].push(peak);
     }
     // Round by round: the next best corner of every cell, the best of the round first.

@@ -13,7 +13,7 @@ struct Layout {
 }
 
 /// Layouts of YAML and INI, recognised by the names that start lines. The first that fits counts.
-const LAYOUTS: [Layout; 8] = [
+const LAYOUTS: [Layout; 6] = [
     Layout {
         names: &["camera_model", "distortion_coeffs", "intrinsics"],
         reason: "a Kalibr camchain, which is not read: write one file per camera with image_width, \
@@ -36,19 +36,6 @@ const LAYOUTS: [Layout; 8] = [
                  distortion_coefficients, and put R and T (mm) into the second camera's",
     },
     Layout {
-        names: &["D", "K", "R", "P"],
-        reason: "a printed camera_info message (rostopic echo), which is not read: rename height, \
-                 width, D, K, R and P to image_height, image_width, distortion_coefficients, \
-                 camera_matrix, rectification_matrix and projection_matrix, each matrix with rows, \
-                 cols and data",
-    },
-    Layout {
-        names: &["Camera_Matrix"],
-        reason: "the spelling of OpenCV 2.4, which is not read: rename Camera_Matrix, \
-                 Distortion_Coefficients, image_Width and image_Height to camera_matrix, \
-                 distortion_coefficients, image_width and image_height",
-    },
-    Layout {
         names: &["projection_parameters"],
         reason: "a camodocal file (VINS), which is not read: write fx, fy, cx, cy as camera_matrix \
                  and k1 k2 p1 p2 as distortion_coefficients",
@@ -66,10 +53,6 @@ const LAYOUTS: [Layout; 8] = [
     },
 ];
 
-const INI: &str = "the INI file of ROS's camera calibration (oST), which is not read: use the \
-                   .yaml beside it, or convert it with `rosrun camera_calibration_parsers convert \
-                   ost.ini camera.yaml`";
-
 /// Refuses a file in a known layout that is not read.
 ///
 /// # Errors
@@ -77,9 +60,6 @@ const INI: &str = "the INI file of ROS's camera calibration (oST), which is not 
 pub(super) fn check(file: &Path, text: &str) -> Result<(), InputError> {
     let refuse = |reason: &str| Err(InputError::file(file, reason));
     let lines = || text.lines().map(str::trim);
-    if lines().any(|line| line == "[image]" || line == "# oST version 5.0 parameters") {
-        return refuse(INI);
-    }
     // A name that is read settles that the file is one of those that are.
     let has = |name: &str| lines().any(|line| starts_with_name(line, name));
     if has("camera_matrix") || has("\"camera_matrix\"") {
@@ -105,7 +85,6 @@ mod tests {
     #[test]
     fn known_foreign_layouts_are_named() {
         for (text, name) in [
-            ("# Camera intrinsics\n\n[image]\n\nwidth\n640\n", "oST"),
             (
                 "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [0]\n  intrinsics: [1]\n",
                 "Kalibr",
@@ -118,11 +97,6 @@ mod tests {
                 "R: 1\nT: 2\nR1: 3\nR2: 4\nP1: 5\n",
                 "the extrinsics of OpenCV's stereo",
             ),
-            (
-                "height: 480\nwidth: 640\nD: []\nK: []\nR: []\nP: []\n",
-                "rostopic",
-            ),
-            ("image_Width: 640\nCamera_Matrix: 1\n", "OpenCV 2.4"),
             ("projection_parameters:\n  fx: 1\n", "camodocal"),
             ("Camera.fx: 500\n", "ORB-SLAM"),
             ("fc = [ 1 ; 2 ];\ncc = [ 3 ; 4 ];\nkc = [ 0 ];\n", "MATLAB"),

@@ -1,5 +1,6 @@
 //! Camera files of other programs: OpenCV's FileStorage (YAML, JSON, XML) and ROS's `camera_info`
-//! YAML, one file per camera.
+//! YAML, one file per camera; also OpenCV 2.4's spellings, `.gz` files, a printed `camera_info`
+//! message (`rostopic echo`) and the calibration program's INI file (`ost.ini`, `ost.txt`).
 //!
 //! | | OpenCV | ROS |
 //! |---|---|---|
@@ -16,6 +17,7 @@
 //! k4 k5 k6 are 0.
 
 use std::fmt::Write as _;
+use std::io::Read as _;
 use std::path::Path;
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -29,6 +31,7 @@ use yaml::{Document, Node, quoted};
 
 mod assemble;
 mod foreign;
+mod ini;
 mod xml;
 mod yaml;
 
@@ -52,7 +55,16 @@ const LIMIT: Limit = Limit {
     bytes: 4 << 20,
 };
 /// Names of the values that are read.
-const KEYS: [&str; 14] = [
+const KEYS: [&str; 23] = [
+    "image_Width",
+    "image_Height",
+    "Camera_Matrix",
+    "Distortion_Coefficients",
+    "width",
+    "height",
+    "K",
+    "D",
+    "P",
     "binning_x",
     "binning_y",
     "roi",
@@ -98,7 +110,11 @@ pub struct Places {
 impl CameraFile {
     /// Reads an OpenCV or ROS file.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        Self::parse(path, &input::bytes(path, LIMIT)?)
+        let bytes = input::bytes(path, LIMIT)?;
+        match bytes.starts_with(&GZIP) {
+            true => Self::parse(path, &unpacked(path, &bytes)?),
+            false => Self::parse(path, &bytes),
+        }
     }
 
     /// Reads the content of an OpenCV or ROS file; errors name `file`.
@@ -124,6 +140,7 @@ impl CameraFile {
         })?;
         let document = match xml::is_xml(text) {
             true => xml::parse(file, text, &KEYS)?,
+            false if ini::is_ini(text) => ini::parse(file, text)?,
             false => {
                 foreign::check(file, text)?;
                 Document::parse(file, text, &KEYS)?
@@ -174,7 +191,11 @@ impl CameraFile {
         let (turn, shift, motion);
         match (root.optional("projection_matrix")?, root.optional("R")?) {
             (Some(projection), _) => {
-                let rectification = root.required("rectification_matrix")?;
+                let printed = root.optional("K")?.and(root.optional("R")?);
+                let rectification = match printed {
+                    Some(rectification) => rectification,
+                    None => root.required("rectification_matrix")?,
+                };
                 motion = Some(ros_motion(&rectification, &projection)?);
                 (turn, shift) = (Some(rectification), Some(projection));
             }
@@ -197,6 +218,19 @@ impl CameraFile {
             motion,
             places,
         })
+    }
+}
+
+/// First bytes of a gzip file, which OpenCV writes under names that end in `.gz`.
+const GZIP: [u8; 2] = [0x1f, 0x8b];
+
+fn unpacked(path: &Path, bytes: &[u8]) -> Result<Vec<u8>, InputError> {
+    let mut unpacked = Vec::new();
+    let mut reader = flate2::read::MultiGzDecoder::new(bytes).take(LIMIT.bytes + 1);
+    (reader.read_to_end(&mut unpacked)).map_err(|cause| InputError::io(path, "unpack", &cause))?;
+    match unpacked.len() as u64 > LIMIT.bytes {
+        true => Err(InputError::file(path, "is longer than 4 MB when unpacked")),
+        false => Ok(unpacked),
     }
 }
 
@@ -231,6 +265,10 @@ fn not_binned(root: &Node<'_>) -> Result<(), InputError> {
 /// Returns the elements of a matrix in either spelling: `rows`, `cols` and `data`, which must
 /// agree.
 fn elements(field: &Node<'_>) -> Result<Vec<f64>, InputError> {
+    // A printed message has a plain list.
+    if field.is_list() {
+        return field.elements()?.iter().map(Node::number).collect();
+    }
     // No coefficients at all: a camera without distortion.
     let size = |key: &str| field.required(key)?.whole(0..=1000);
     let expected = size("rows")? as usize * size("cols")? as usize;

@@ -184,7 +184,7 @@ fn bad_xml_is_refused_by_line() {
     let error = parse(&XML.replace("533. 234.5", "533. x")).unwrap_err();
     assert_eq!(error.line, Some(13), "{error}");
     assert_eq!(error.field.as_deref(), Some("camera_matrix.data[5]"));
-    let error = parse(&XML.replace("image_width", "width")).unwrap_err();
+    let error = parse(&XML.replace("image_width", "wide")).unwrap_err();
     assert!(error.to_string().contains("image_width"), "{error}");
     let error = parse(&XML.replace("opencv_storage", "html")).unwrap_err();
     assert!(error.reason.contains("opencv_storage"), "{error}");
@@ -270,13 +270,7 @@ fn bad_values_are_refused_by_line() {
         "image_width",
         "from 8",
     );
-    refused(
-        "image_width: 640",
-        "width: 640",
-        3,
-        "image_width",
-        "missing",
-    );
+    refused("image_width: 640", "wide: 640", 3, "image_width", "missing");
     refused(
         "   rows: 3",
         "   rows: 4",
@@ -502,4 +496,106 @@ fn huge_shift_is_refused() {
         assert_eq!(error.field.as_deref(), Some("T"), "{error}");
         assert!(error.reason.contains("1 km"), "{error}");
     }
+}
+
+/// Returns the values of [`OPENCV`] that all layouts have.
+fn known(file: &CameraFile) -> ([u32; 2], Lens) {
+    (file.image_size_px, file.lens)
+}
+
+#[test]
+fn spellings_of_opencv_2_4_are_read() {
+    let mut text = OPENCV.to_owned();
+    for (new, old) in [
+        ("image_width", "image_Width"),
+        ("image_height", "image_Height"),
+        ("camera_matrix", "Camera_Matrix"),
+        ("distortion_coefficients", "Distortion_Coefficients"),
+    ] {
+        text = text.replace(new, old);
+    }
+    assert_eq!(
+        known(&parse(&text).unwrap()),
+        known(&parse(OPENCV).unwrap())
+    );
+    let error = parse(&text.replace("5.3591573396163199e+02, 0., 3", "-5., 0., 3")).unwrap_err();
+    assert_eq!(error.field.as_deref(), Some("Camera_Matrix"));
+}
+
+#[test]
+fn gzip_files_are_read() {
+    use std::io::Write as _;
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("left.yml.gz");
+    let mut packer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    packer.write_all(OPENCV.as_bytes()).unwrap();
+    let packed = packer.finish().unwrap();
+    std::fs::write(&path, &packed).unwrap();
+    let file = CameraFile::read(&path).unwrap();
+    assert_eq!(known(&file), known(&parse(OPENCV).unwrap()));
+    std::fs::write(&path, &packed[..packed.len() / 2]).unwrap();
+    let error = CameraFile::read(&path).unwrap_err();
+    assert!(error.reason.starts_with("cannot unpack"), "{error}");
+}
+
+const MATRIX: &str = "533.0, 0.0, 342.3, 0.0, 533.1, 234.4, 0.0, 0.0, 1.0";
+const PROJECTION: &str = "500.0, 0.0, 320.0, -41.6, 0.0, 500.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0";
+
+/// Returns ROS's file of a camera 83.2 mm right of the origin.
+fn ros_file() -> CameraFile {
+    parse(&format!(
+        "image_width: 640\nimage_height: 480\ndistortion_model: plumb_bob\n\
+         camera_matrix: {{rows: 3, cols: 3, data: [{MATRIX}]}}\n\
+         distortion_coefficients: {{rows: 1, cols: 5, data: [-0.28, 0.03, 0.001, 0.0, 0.1]}}\n\
+         rectification_matrix: {{rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}}\n\
+         projection_matrix: {{rows: 3, cols: 4, data: [{PROJECTION}]}}\n"
+    ))
+    .unwrap()
+}
+
+#[test]
+fn printed_camera_info_is_read() {
+    let file = parse(&format!(
+        "header: \n  seq: 5\n  frame_id: \"right\"\nheight: 480\nwidth: 640\n\
+         distortion_model: \"plumb_bob\"\nD: [-0.28, 0.03, 0.001, 0.0, 0.1]\nK: [{MATRIX}]\n\
+         R: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]\nP: [{PROJECTION}]\n\
+         binning_x: 0\nbinning_y: 0\nroi: \n  x_offset: 0\n  y_offset: 0\n  height: 0\n  \
+         width: 0\n  do_rectify: False\n---\n"
+    ))
+    .unwrap();
+    let expected = ros_file();
+    assert_eq!(
+        (known(&file), file.motion),
+        (known(&expected), expected.motion)
+    );
+    assert!((back(&file).offset_mm[0] - 83.2).abs() < 1e-9);
+    assert_eq!(file.places.matrix.field, "K");
+}
+
+#[test]
+fn ini_of_ros_calibration_is_read() {
+    let rows = |text: &str, length: usize| {
+        let numbers: Vec<&str> = text.split(", ").collect();
+        let rows = numbers.chunks(length).map(|row| row.join(" "));
+        rows.collect::<Vec<_>>().join("\n")
+    };
+    let text = format!(
+        "# oST version 5.0 parameters\n\n[image]\n\nwidth\n640\n\nheight\n480\n\n\
+         [narrow_stereo/right]\n\ncamera matrix\n{}\n\ndistortion\n-0.28 0.03 0.001 0.0 0.1\n\n\
+         rectification\n1 0 0\n0 1 0\n0 0 1\n\nprojection\n{}\n\n",
+        rows(MATRIX, 3),
+        rows(PROJECTION, 4)
+    );
+    let (file, expected) = (parse(&text).unwrap(), ros_file());
+    assert_eq!(
+        (known(&file), file.motion),
+        (known(&expected), expected.motion)
+    );
+    let error = parse(&format!("{text}[other]\n")).unwrap_err();
+    assert!(error.reason.starts_with("a second camera"), "{error}");
+    let error = parse(&text.replace("533.1", "x")).unwrap_err();
+    assert_eq!(
+        (error.line, error.field.as_deref()),
+        (Some(15), Some("camera_matrix.data[4]"))
+    );
 }

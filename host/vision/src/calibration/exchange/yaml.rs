@@ -28,6 +28,20 @@ const MOST_VALUES: usize = 1_000;
 /// Largest number of characters of a value that a message quotes.
 const QUOTED: usize = 60;
 
+/// Names, each with another spelling: OpenCV 2.4's, and those of a printed `camera_info` message.
+/// That message's `R` is not here, because OpenCV's files have another `R`.
+pub(super) const ALIASES: [(&str, &str); 9] = [
+    ("image_width", "image_Width"),
+    ("image_height", "image_Height"),
+    ("camera_matrix", "Camera_Matrix"),
+    ("distortion_coefficients", "Distortion_Coefficients"),
+    ("image_width", "width"),
+    ("image_height", "height"),
+    ("camera_matrix", "K"),
+    ("distortion_coefficients", "D"),
+    ("projection_matrix", "P"),
+];
+
 /// First document of a file.
 pub(super) struct Document<'a> {
     file: &'a Path,
@@ -168,8 +182,10 @@ impl<'a> Node<'a> {
         let Value::Map(entries) = &self.tree.value else {
             return Err(self.fault("expected names with values"));
         };
-        let entry = entries.iter().find(|(name, _)| name == key);
-        Ok(entry.map(|(_, tree)| self.child(join(&self.path, key), tree)))
+        let is_alias = |name: &str| ALIASES.contains(&(key, name));
+        let entry = (entries.iter().find(|(name, _)| name == key))
+            .or_else(|| entries.iter().find(|(name, _)| is_alias(name)));
+        Ok(entry.map(|(name, tree)| self.child(join(&self.path, name), tree)))
     }
 
     /// Returns the value under `key`; an error if it is missing.
@@ -178,6 +194,11 @@ impl<'a> Node<'a> {
             let (path, line) = (join(&self.path, key), self.tree.line);
             InputError::field(self.file, line, path, "missing; it has no default")
         })
+    }
+
+    /// Returns true if the value is a list.
+    pub fn is_list(&self) -> bool {
+        matches!(self.tree.value, Value::List(_))
     }
 
     /// Returns the elements of a list.

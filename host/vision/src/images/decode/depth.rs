@@ -27,6 +27,15 @@ pub enum Picture {
 }
 
 impl Picture {
+    /// Returns width and height, px.
+    pub fn size_px(&self) -> [u32; 2] {
+        let (width, height) = match self {
+            Self::Eight(image) => (image.width, image.height),
+            Self::Sixteen { width, height, .. } => (*width, *height),
+        };
+        [width as u32, height as u32]
+    }
+
     /// Returns the number of bits in use: 8, 10, 12, 14 or 16. An 8-bit image uses 8.
     pub fn bits_in_use(&self) -> u32 {
         let Self::Sixteen { levels, .. } = self else {
@@ -53,6 +62,9 @@ impl Picture {
 
     /// Returns the image with 16-bit values divided by `2^(bits - 8)`. Values beyond `bits` bits
     /// become 255.
+    ///
+    /// The quotient is rounded down: so 8-bit values that were widened in any usual way (times 16,
+    /// 256, 257 or 4095/255, rounded) come back as they were.
     pub fn scaled(self, bits: u32) -> Image {
         match self {
             Self::Eight(image) => image,
@@ -62,8 +74,8 @@ impl Picture {
                 levels,
             } => {
                 let shift = bits.clamp(8, 16) - 8;
-                let grey = levels.iter();
-                let grey = grey.map(|level| (level >> shift).min(255) as u8).collect();
+                let narrow = |level: &u16| (*level >> shift).min(255) as u8;
+                let grey = levels.iter().map(narrow).collect();
                 Image {
                     width,
                     height,
@@ -113,6 +125,21 @@ mod tests {
             assert!(same.into_iter().all(|(a, b)| u16::from(*a) == *b), "{bits}");
         }
         assert_eq!(picture(vec![5000]).scaled(12).grey, [255]);
+        for (bits, factor) in [
+            (16, 257.0),
+            (16, 256.0),
+            (12, 4095.0 / 255.0),
+            (10, 1023.0 / 255.0),
+        ] {
+            let wide = eight
+                .iter()
+                .map(|grey| (f64::from(*grey) * factor).round() as u16);
+            let scaled = picture(wide.collect()).scaled(bits);
+            assert!(
+                scaled.grey.iter().copied().eq(0..=255),
+                "{bits} bits, times {factor}"
+            );
+        }
     }
 
     #[test]

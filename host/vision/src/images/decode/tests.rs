@@ -128,7 +128,7 @@ fn memory_is_checked_first() {
     let file = small_png();
     for (extra, fits) in [(0, true), (MEMORY, false)] {
         let judge = Judge {
-            bytes: &file,
+            length: file.len() as u64,
             size_px: None,
             extra,
         };

@@ -37,7 +37,7 @@ fn saved_frame_sets_round_trip() {
     let dir = saved(3);
     let folder = open(dir.path()).unwrap();
     assert_eq!(folder.names(), ["000000.png", "000001.png", "000002.png"]);
-    assert_eq!((folder.len(), folder.frame_sets().len()), (3, 3));
+    assert_eq!((folder.count(), folder.frame_sets().count()), (Some(3), 3));
     for (frame, read) in (0..).zip(folder.frame_sets()) {
         let read = read.unwrap();
         assert_eq!(read.images, capture(frame).images);
@@ -51,7 +51,7 @@ fn other_files_are_skipped() {
     for name in ["notes.txt", ".hidden.png", "no_extension"] {
         fs::write(dir.path().join("left").join(name), "text").unwrap();
     }
-    assert_eq!(open(dir.path()).unwrap().len(), 1);
+    assert_eq!(open(dir.path()).unwrap().count(), Some(1));
 }
 
 #[test]
@@ -67,7 +67,7 @@ fn other_image_formats_are_named() {
         "{remark}"
     );
     let folder = open(dir.path()).unwrap();
-    assert_eq!(folder.len(), 1);
+    assert_eq!(folder.count(), Some(1));
     let [warning] = folder.warnings() else {
         panic!("{:?}", folder.warnings());
     };
@@ -91,7 +91,7 @@ fn non_files_named_as_images_are_refused() {
     std::os::unix::fs::symlink("nowhere", path("000001.png")).unwrap();
     std::os::unix::net::UnixListener::bind(path("000002.png")).unwrap();
     let folder = open(dir.path()).unwrap();
-    assert_eq!(folder.len(), 3);
+    assert_eq!(folder.count(), Some(3));
     let reasons = ["a folder", "cannot read", "a socket"];
     for ((capture, reason), name) in folder.frame_sets().zip(reasons).zip(folder.names()) {
         let error = capture.unwrap_err();
@@ -155,21 +155,25 @@ fn missing_image_fails_a_complete_folder() {
         assert_eq!(folder.complete().unwrap_err().file, lost);
         fs::rename(&aside, &lost).unwrap();
     }
-    assert_eq!(open(dir.path()).unwrap().complete().unwrap().len(), 2);
+    assert_eq!(
+        open(dir.path()).unwrap().complete().unwrap().count(),
+        Some(2)
+    );
 }
 
 #[test]
 fn unequal_names_are_refused() {
     let dir = saved(2);
-    for frame in ["000000", "000001"] {
+    for (frame, other) in [("000000", "first"), ("000001", "second")] {
         let from = dir.path().join(format!("middle/{frame}.png"));
-        fs::rename(&from, from.with_extension("PNG")).unwrap();
+        fs::rename(&from, from.with_file_name(format!("{other}.PNG"))).unwrap();
     }
     let error = open(dir.path()).unwrap_err();
-    assert_eq!(error.file, dir.path().join("left/000000.PNG"));
+    assert_eq!(error.file, dir.path().join("middle/000000.png"));
     assert!(error.reason.starts_with("missing"), "{error}");
     let endings = "`left` end in .png, those of `middle` in .PNG";
     assert!(error.reason.contains(endings), "{error}");
+    assert!(error.reason.contains("--pair order"), "{error}");
 }
 
 #[test]

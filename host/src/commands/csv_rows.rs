@@ -1,0 +1,69 @@
+//! Rows of `--csv`: the columns of a command, filled from the object that `--json` prints.
+
+use std::io::{self, Write};
+
+use serde_json::Value;
+
+use super::json;
+
+/// Column: its name, and the way to the value in the object, as a JSON pointer.
+pub type Column = (&'static str, &'static str);
+
+/// Writes the header.
+pub fn header(out: &mut impl Write, columns: &[Column]) -> io::Result<()> {
+    let names: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
+    writeln!(out, "{}", names.join(","))
+}
+
+/// Writes the row of an object, with its numbers rounded as in `--json`. What the object lacks is
+/// empty.
+pub fn row(out: &mut impl Write, columns: &[Column], object: Value) -> io::Result<()> {
+    let object = json::rounded(object);
+    let cell = |(_, way): &Column| object.pointer(way).map_or(String::new(), text);
+    let cells: Vec<String> = columns.iter().map(cell).collect();
+    writeln!(out, "{}", cells.join(","))
+}
+
+/// Formats a value as a cell: lists as sentences with semicolons in between.
+fn text(value: &Value) -> String {
+    let plain = |value: &Value| match value {
+        Value::Null => String::new(),
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    };
+    let text = match value {
+        Value::Array(items) => items.iter().map(plain).collect::<Vec<_>>().join("; "),
+        other => plain(other),
+    };
+    match text.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")),
+        false => text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn cells_follow_columns() {
+        let columns: [Column; 5] = [
+            ("frame", "/frame"),
+            ("x_mm", "/displacement_mm/0"),
+            ("z_mm", "/displacement_mm/2"),
+            ("refused", "/refused"),
+            ("warnings", "/warnings"),
+        ];
+        let mut out = Vec::new();
+        header(&mut out, &columns).unwrap();
+        let object = json!({"frame": 3, "displacement_mm": [1.0 / 3.0, 0.0, -2.5]});
+        row(&mut out, &columns, object).unwrap();
+        let object = json!({"frame": 4, "refused": "lost, \"dark\"", "warnings": ["a", "b"]});
+        row(&mut out, &columns, object).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        let expected = "frame,x_mm,z_mm,refused,warnings\n3,0.333333,-2.5,,\n\
+             4,,,\"lost, \"\"dark\"\"\",a; b\n";
+        assert_eq!(text, expected);
+    }
+}

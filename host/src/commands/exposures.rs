@@ -1,0 +1,46 @@
+//! Warnings of badly exposed images, for the rows of `estimate` and `track`.
+
+use std::collections::HashSet;
+use std::mem::{Discriminant, discriminant};
+
+use trinocular_rig::notice;
+use trinocular_vision::images::FrameSet;
+use trinocular_vision::images::exposure::{ExposureFault, faults};
+
+/// Names of the cameras, and the warnings printed so far.
+pub struct Exposures {
+    names: Vec<String>,
+    said: HashSet<(usize, Discriminant<ExposureFault>)>,
+}
+
+impl Exposures {
+    /// Starts without any warning printed.
+    pub fn new(names: &[String]) -> Self {
+        Self {
+            names: names.to_vec(),
+            said: HashSet::new(),
+        }
+    }
+
+    /// Returns a sentence for each badly exposed image of the frame set.
+    pub fn remarks(&self, frame_set: &FrameSet) -> Vec<String> {
+        let faults = faults(frame_set).into_iter();
+        faults
+            .map(|(camera, fault)| self.sentence(camera, fault))
+            .collect()
+    }
+
+    /// Prints a warning for each camera and kind of fault once: exposures rarely mend themselves.
+    pub fn warn(&mut self, frame_set: &FrameSet) {
+        for (camera, fault) in faults(frame_set) {
+            if self.said.insert((camera, discriminant(&fault))) {
+                notice!("warning: {}", self.sentence(camera, fault));
+            }
+        }
+    }
+
+    fn sentence(&self, camera: usize, fault: ExposureFault) -> String {
+        let name = self.names.get(camera).map_or("?", String::as_str);
+        format!("camera {name} {fault}")
+    }
+}

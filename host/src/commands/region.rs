@@ -1,0 +1,112 @@
+//! `--roi` and `--mask`: the parts of the images in which points may be.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::Args;
+
+use crate::commands::failure::Failure;
+use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::flow::region::{Region, Regions};
+use trinocular_vision::images::folder;
+
+/// Parts of the images in which points may be.
+#[derive(Clone, Debug, Args)]
+pub struct RegionOption {
+    /// Rectangle in which points are chosen at the keyframe, px: left, top, width, height; of all
+    /// cameras, or once per camera: left=40,30,200,150
+    ///
+    /// The points are followed beyond it.
+    #[arg(long, value_name = "[CAMERA=]X,Y,W,H", value_parser = roi)]
+    roi: Vec<(Option<String>, [u32; 4])>,
+
+    /// Image of the cameras' size whose dark pixels (below 128 of 255) are never used; of all
+    /// cameras, or once per camera: left=left-mask.png
+    #[arg(long, value_name = "[CAMERA=]FILE", value_parser = mask)]
+    mask: Vec<(Option<String>, PathBuf)>,
+}
+
+/// Splits the camera's name from a value.
+fn of_camera(text: &str) -> (Option<String>, &str) {
+    match text.split_once('=') {
+        Some((camera, value)) => (Some(camera.to_owned()), value),
+        None => (None, text),
+    }
+}
+
+fn roi(text: &str) -> Result<(Option<String>, [u32; 4]), String> {
+    let (camera, value) = of_camera(text);
+    let numbers: Result<Vec<u32>, _> = value.split(',').map(|n| n.trim().parse()).collect();
+    let numbers = numbers
+        .ok()
+        .and_then(|numbers| <[u32; 4]>::try_from(numbers).ok());
+    match numbers {
+        Some([x, y, width, height]) if width > 0 && height > 0 => {
+            Ok((camera, [x, y, width, height]))
+        }
+        _ => Err("must be X,Y,WIDTH,HEIGHT in whole px, such as 40,30,200,150".to_owned()),
+    }
+}
+
+fn mask(text: &str) -> Result<(Option<String>, PathBuf), String> {
+    let (camera, value) = of_camera(text);
+    match value.is_empty() {
+        true => Err("must be the name of an image".to_owned()),
+        false => Ok((camera, PathBuf::from(value))),
+    }
+}
+
+impl RegionOption {
+    /// Returns the regions of the rig's cameras. A region of one camera replaces that of all.
+    pub fn regions(&self, rig: &RigFile) -> Result<Regions, Failure> {
+        let usage = |reason: String| Failure::Usage(reason);
+        let mut regions = vec![Region::default(); rig.names.len()];
+        let [width, height] = rig.rig.image_size_px;
+        let chosen = |camera: &Option<String>, option: &str| match camera {
+            None => Ok((0..rig.names.len()).collect::<Vec<_>>()),
+            Some(camera) => {
+                let index = rig.names.iter().position(|name| name == camera);
+                index.map(|index| vec![index]).ok_or_else(|| {
+                    let names = rig.names.join(", ");
+                    usage(format!(
+                        "--{option} {camera}: the rig's cameras are {names}"
+                    ))
+                })
+            }
+        };
+        // Those of all cameras first.
+        let mut rois: Vec<_> = self.roi.iter().collect();
+        rois.sort_by_key(|(camera, _)| camera.is_some());
+        for (camera, rectangle) in rois {
+            let [x, y, w, h] = *rectangle;
+            let fits = |at: u32, length: u32, side: u32| {
+                at.checked_add(length).is_some_and(|end| end <= side)
+            };
+            if !(fits(x, w, width) && fits(y, h, height)) {
+                return Err(usage(format!(
+                    "--roi {x},{y},{w},{h} reaches beyond the image of {width} x {height} px"
+                )));
+            }
+            for index in chosen(camera, "roi")? {
+                regions[index].rectangle_px = Some(*rectangle);
+            }
+        }
+        let mut masks: Vec<_> = self.mask.iter().collect();
+        masks.sort_by_key(|(camera, _)| camera.is_some());
+        for (camera, path) in masks {
+            let image = Arc::new(folder::read(path, rig.rig.image_size_px)?);
+            for index in chosen(camera, "mask")? {
+                regions[index].mask = Some(Arc::clone(&image));
+            }
+        }
+        match regions.iter().all(|region| *region == Region::default()) {
+            true => Ok(Regions::default()),
+            false => Ok(Regions(regions)),
+        }
+    }
+
+    /// Returns true if a region was given.
+    pub fn is_given(&self) -> bool {
+        !self.roi.is_empty() || !self.mask.is_empty()
+    }
+}
