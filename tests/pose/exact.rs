@@ -62,7 +62,8 @@ proptest! {
         let scene = Scene::new(&LINE, RELIEF, 20, random).moved([4.0, -3.0, 6.0], axis, 12.0);
         let views = scene.views(|| std::array::from_fn(|_| 0.05 * random.gaussian()));
         let solve = |cameras: &[[f64; 2]], order: [usize; 3]| {
-            let geometry = trinocular_core::sums::centred::Geometry::new(&ideal_rig(530.0, cameras));
+            let rig = ideal_rig(530.0, cameras);
+            let geometry = trinocular_core::sums::centred::Geometry::new(&rig);
             let geometry = geometry.unwrap();
             let points = views.iter().map(|views| order.map(|k| views[k]));
             let points = points.filter_map(|views| Observation::new(&geometry, &views));

@@ -1,24 +1,24 @@
 //! `trinocular estimate`: displacements from a points CSV or from a folder of frame sets.
 
 mod pose;
+mod printer;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::csv_rows::{self, Column};
 use super::exposures::Exposures;
 use super::frames::{RecordingInput, Rigged, rig_missing};
 use super::region::RegionOption;
 use crate::commands::failure::Failure;
 use crate::commands::folder_input::PairOption;
 use clap::{Args, ValueEnum};
-use pose::{PoseOptions, Turn};
+use pose::PoseOptions;
+use printer::{Printer, Solution};
 use serde::Serialize;
 use trinocular_core::estimate::Refusal;
 use trinocular_core::rig::Rig;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
-use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::mistake::explain_keyframe;
 use trinocular_vision::flow::{CameraRefusal, Flow, FlowSettings, remarks as camera_remarks};
@@ -170,53 +170,6 @@ enum Reference {
     /// The frame set before: for targets that leave the first view
     Previous,
 }
-
-/// One displacement, as it is printed.
-#[derive(Debug, Serialize)]
-struct Displacement {
-    frame: usize,
-    displacement_mm: [f64; 3],
-    sigma_mm: Option<[f64; 3]>,
-    covariance_mm2: Option<[[f64; 3]; 3]>,
-    #[serde(flatten)]
-    turn: Option<Turn>,
-    points: usize,
-    rejected: usize,
-    method: Method,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    warnings: Vec<String>,
-}
-
-/// A frame without an estimate, as it is printed.
-#[derive(Debug, Serialize)]
-struct Refused {
-    frame: usize,
-    refused: String,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    warnings: Vec<String>,
-}
-
-/// Columns of `--csv`.
-const COLUMNS: [Column; 18] = [
-    ("frame", "/frame"),
-    ("x_mm", "/displacement_mm/0"),
-    ("y_mm", "/displacement_mm/1"),
-    ("z_mm", "/displacement_mm/2"),
-    ("sigma_x_mm", "/sigma_mm/0"),
-    ("sigma_y_mm", "/sigma_mm/1"),
-    ("sigma_z_mm", "/sigma_mm/2"),
-    ("cov_xx_mm2", "/covariance_mm2/0/0"),
-    ("cov_xy_mm2", "/covariance_mm2/0/1"),
-    ("cov_xz_mm2", "/covariance_mm2/0/2"),
-    ("cov_yy_mm2", "/covariance_mm2/1/1"),
-    ("cov_yz_mm2", "/covariance_mm2/1/2"),
-    ("cov_zz_mm2", "/covariance_mm2/2/2"),
-    ("points", "/points"),
-    ("rejected", "/rejected"),
-    ("method", "/method"),
-    ("refused", "/refused"),
-    ("warnings", "/warnings"),
-];
 
 /// Largest number of doubtful rows that are named.
 const MOST_DOUBTS: usize = 20;
@@ -410,177 +363,6 @@ impl Seen {
             rejected: seen.rejected.total(),
             refused_cameras: seen.refused_cameras,
         })
-    }
-}
-
-/// Prints frames as they come and counts them.
-struct Printer<'a, W> {
-    options: &'a EstimateOptions,
-    method: Method,
-    out: &'a mut W,
-    frames: usize,
-    refused: usize,
-    /// True for a points file, whose warnings name their line.
-    is_points: bool,
-    /// Warnings about the next displacement.
-    warnings: Vec<String>,
-    /// Those of the warnings that are printed once per camera rather than per frame.
-    exposure: Vec<String>,
-    /// Names of the cameras that take no part in the next displacement.
-    absent: Vec<String>,
-}
-
-impl<W: Write> Printer<'_, W> {
-    /// Prints the next frame from its solution and the numbers of its points and of the rejected.
-    fn solution(
-        &mut self,
-        solution: Result<Solution, String>,
-        count: usize,
-        rejected: usize,
-    ) -> Result<(), Failure> {
-        match solution.and_then(Solution::finite) {
-            Ok(solution) => {
-                let rejected = rejected + count - solution.points;
-                let warnings = std::mem::take(&mut self.warnings);
-                self.displacement(&Displacement {
-                    frame: self.frames + 1,
-                    displacement_mm: solution.displacement_mm,
-                    sigma_mm: solution.sigma_mm,
-                    covariance_mm2: solution.covariance_mm2,
-                    points: solution.points,
-                    rejected,
-                    method: self.method,
-                    turn: solution.turn,
-                    warnings,
-                })
-            }
-            Err(reason) => {
-                let mut reason = format!("{reason} ({count} points, {rejected} rejected)");
-                for warning in std::mem::take(&mut self.warnings) {
-                    reason = format!("{reason}; {warning}");
-                }
-                self.refusal(reason)
-            }
-        }
-    }
-
-    fn displacement(&mut self, line: &Displacement) -> Result<(), Failure> {
-        self.frames += 1;
-        let once = &self.exposure;
-        for warning in line
-            .warnings
-            .iter()
-            .filter(|warning| !once.contains(warning))
-        {
-            match self.is_points {
-                true => notice!("warning: {warning}"),
-                false => notice!("frame {}: {warning}", line.frame),
-            }
-        }
-        if self.options.json || self.options.csv {
-            return self.object(line);
-        }
-        if self.frames - self.refused == 1 {
-            writeln!(
-                self.out,
-                "frame        x mm        y mm        z mm \
-                 sigma x mm sigma y mm sigma z mm  points rejected"
-            )?;
-        }
-        write!(self.out, "{:>5}", line.frame)?;
-        for component in line.displacement_mm {
-            // Adding zero to what is left after rounding turns -0 into 0.
-            let rounded = (component * 1e4).round() / 1e4 + 0.0;
-            write!(self.out, " {rounded:>11.4}")?;
-        }
-        for axis in 0..3 {
-            match line.sigma_mm {
-                Some(sigma) => write!(self.out, " {:>10.4}", sigma[axis])?,
-                None => write!(self.out, " {:>10}", "-")?,
-            }
-        }
-        write!(self.out, " {:>7} {:>8}", line.points, line.rejected)?;
-        match std::mem::take(&mut self.absent) {
-            names if names.is_empty() => writeln!(self.out)?,
-            names => writeln!(self.out, "  without {}", names.join(" and "))?,
-        }
-        if let Some(turn) = &line.turn {
-            turn.write(self.out)?;
-        }
-        Ok(())
-    }
-
-    fn refusal(&mut self, reason: String) -> Result<(), Failure> {
-        self.frames += 1;
-        self.refused += 1;
-        let frame = self.frames;
-        let warnings = std::mem::take(&mut self.warnings);
-        if self.options.json || self.options.csv {
-            return self.object(&Refused {
-                frame,
-                refused: reason,
-                warnings,
-            });
-        }
-        writeln!(self.out, "{frame:>5} refused: {reason}")?;
-        Ok(())
-    }
-
-    fn object(&mut self, line: &impl Serialize) -> Result<(), Failure> {
-        if self.options.json {
-            return Ok(super::json::line(self.out, line)?);
-        }
-        if self.frames == 1 {
-            csv_rows::header(self.out, &COLUMNS)?;
-        }
-        let object = serde_json::to_value(line).map_err(std::io::Error::from)?;
-        Ok(csv_rows::row(self.out, &COLUMNS, object)?)
-    }
-
-    fn finish(self) -> Result<(), Failure> {
-        self.out.flush()?;
-        if self.refused == 0 {
-            return Ok(());
-        }
-        Err(Failure::Refused {
-            file: self.options.input.clone(),
-            refused: self.refused,
-            frames: self.frames,
-        })
-    }
-}
-
-/// Result of an estimator.
-struct Solution {
-    displacement_mm: [f64; 3],
-    sigma_mm: Option<[f64; 3]>,
-    covariance_mm2: Option<[[f64; 3]; 3]>,
-    /// Number of points used.
-    points: usize,
-    /// Rotation, if it was to be estimated.
-    turn: Option<Turn>,
-}
-
-impl Solution {
-    /// Refuses numbers that are not finite, because JSON cannot express them.
-    fn finite(self) -> Result<Self, String> {
-        let turn = self.turn.unwrap_or_default();
-        let lists = [
-            Some(self.displacement_mm),
-            self.sigma_mm,
-            turn.rotation_deg,
-            turn.rotation_sigma_deg,
-        ];
-        if lists
-            .iter()
-            .flatten()
-            .flatten()
-            .all(|number| number.is_finite())
-        {
-            Ok(self)
-        } else {
-            Err(Refusal::OutOfRange.to_string())
-        }
     }
 }
 

@@ -34,8 +34,8 @@
 //! `cargo test -p trinocular-tests --test lives -- --ignored --nocapture` follows random targets
 //! with a healthy stage at 5 to 1000 frames per second (gaps, occlusions, exponential intervals,
 //! targets out of the stage's reach, backlash, a mount off by 20 % and 8 degrees): 0 false alarms
-//! in 10,000 lives, so fewer than 3 in 10,000 with 95 % confidence. A trial stops such a stage once
-//! in three lives; at 60 frames per second after a target within reach, hardly ever.
+//! in 10,000 lives, so fewer than 3 in 10,000 with 95 % confidence. A trial stops such a stage in
+//! one of three lives; at 60 frames per second after a target within reach, hardly ever.
 //!
 //! A stall after a target at rest or on a figure becomes a fault, with the stage at rest, within 26
 //! mm of the stall at 20 frames per second and more (`tests/stalling.rs`), with a bound of 10 mm.

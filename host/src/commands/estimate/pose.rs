@@ -10,7 +10,8 @@ use trinocular_core::rig::Rig;
 use trinocular_core::sums::centred::Geometry;
 use trinocular_vision::flow::Correspondence;
 
-use super::{Method, Solution};
+use super::Method;
+use super::printer::Solution;
 use crate::commands::failure::Failure;
 
 /// Largest standard deviation of a rotation that is estimated unasked, degrees.
