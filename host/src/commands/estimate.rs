@@ -322,7 +322,7 @@ fn run_captures<W: Write>(
     printer.finish()
 }
 
-/// What the images of one frame set give.
+/// Solution of one frame set, with the numbers of its points.
 struct Seen {
     solution: Result<Solution, String>,
     /// Numbers of points found and rejected.
