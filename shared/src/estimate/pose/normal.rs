@@ -10,7 +10,7 @@ use nalgebra::{SMatrix, SVector};
 const MIN_EIGENVALUE: f64 = 1e-10;
 
 /// Largest share of noise in the information about any direction. Half of the standard deviation of
-/// the points across a line may be noise; beyond, a line cannot be told from a narrow target.
+/// the points across a line may be noise; beyond, a narrow target looks like a line.
 const MAX_NOISE_SHARE: f64 = 0.25;
 
 type Matrix6 = SMatrix<f64, 6, 6>;
