@@ -47,6 +47,10 @@
 //! the first motion and 27 mm, rotations of 60 degrees and stamps off by 30 to 70 ms within 4 s,
 //! while they shake by less than a few mm (`tests/unstable.rs`).
 //!
+//! Of 10,000 random lives with such a mount or a stall, 3.6 % are named later than 2 s after useless
+//! motion begins, and 3.5 % go farther than the unseen way and the way to stop; of 10,000 with a
+//! healthy stage, none is stopped (`campaign --kind loop --seed 100000 --lives 20000`).
+//!
 //! # Following error
 //! `|e|` beyond a bound in every frame for longer than a time is a fault of its own.
 

@@ -144,3 +144,91 @@ impl Restart {
         over.then_some(Outcome::Healthy)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STEP: i64 = 1 << 32;
+
+    /// Frame number `k` at 60 per second, with positions on the y axis in steps.
+    fn sample(k: u64, stage: i64, error: i64) -> Sample {
+        Sample {
+            capture: Instant::from_micros(16_667 * k),
+            stage: [0, stage * STEP, 0],
+            error: [0, error * STEP, 0],
+            variance: [0.1; 3],
+        }
+    }
+
+    /// Restarts a stage that stood for ten frames and then moves by 8, 16, 24 .. steps a frame.
+    /// `seen` is the place of the apparent target at a frame, for a stage at a position, steps.
+    /// Returns the outcome and the number of frames that it took.
+    fn restarted(still: bool, seen: impl Fn(i64, i64) -> i64) -> Option<(Outcome, u64)> {
+        let standing = |k: u64| sample(k, 0, seen(k as i64, 0));
+        let mut window = Window::starting(&standing(0));
+        (1..10).for_each(|k| window.add(&standing(k)));
+        let mut restart = Restart::new(&standing(9), &window, still);
+        (1..100).find_map(|n: u64| {
+            let (k, stage) = (9 + n, 4 * (n * (n + 1)) as i64);
+            let frame = sample(k, stage, seen(k as i64, stage) - stage);
+            restart.see(&frame).map(|outcome| (outcome, n))
+        })
+    }
+
+    #[test]
+    fn target_on_its_line_is_healthy() {
+        for still in [false, true] {
+            let (outcome, _) = restarted(still, |_, _| 300).expect("an outcome");
+            assert_eq!(outcome, Outcome::Healthy, "still: {still}");
+        }
+        let moving = restarted(false, |k, _| 300 - 25 * k);
+        assert_eq!(moving.map(|(outcome, _)| outcome), Some(Outcome::Healthy));
+        // A mount that is off by 20 %.
+        let off = restarted(true, |_, stage| 300 + stage / 5);
+        assert_eq!(off.map(|(outcome, _)| outcome), Some(Outcome::Healthy));
+    }
+
+    #[test]
+    fn target_that_starts_with_stage_is_coupled() {
+        // A wrong sign, a scale of 2 and more, and a stage that does not arrive.
+        for seen in [
+            |_: i64, stage: i64| 300 + 2 * stage,
+            |_, stage| 300 - stage,
+            |_, stage| 300 + stage,
+        ] {
+            let (outcome, frames) = restarted(true, seen).expect("an outcome");
+            assert_eq!(outcome, Outcome::Coupled);
+            assert!(frames <= 12, "{frames}");
+        }
+    }
+
+    #[test]
+    fn moving_target_that_starts_with_stage_is_open() {
+        let seen = restarted(false, |k, stage| 25 * k + 2 * stage);
+        assert_eq!(seen.map(|(outcome, _)| outcome), Some(Outcome::Open));
+    }
+
+    #[test]
+    fn stage_at_rest_decides_nothing() {
+        let standing = |k: u64| sample(k, 0, 300);
+        let mut restart = Restart::new(&standing(0), &Window::starting(&standing(0)), true);
+        assert!((1..200).all(|k| restart.see(&standing(k)).is_none()));
+    }
+
+    #[test]
+    fn extreme_frames_do_not_overflow() {
+        let far = |k: u64, sign: i64| Sample {
+            capture: Instant::from_micros(16_667 * k),
+            stage: [sign * (i64::MAX / 4); 3],
+            error: [sign * (i64::MAX / 4); 3],
+            variance: [f32::MAX; 3],
+        };
+        let mut window = Window::starting(&far(0, 1));
+        window.add(&far(1, -1));
+        let mut restart = Restart::new(&far(1, -1), &window, true);
+        for k in 2..100 {
+            let _ = restart.see(&far(k, if k % 2 == 0 { 1 } else { -1 }));
+        }
+    }
+}
