@@ -19,6 +19,13 @@ pub struct Utc {
 
 impl Utc {
     /// Converts seconds since 1970.
+    ///
+    /// ```
+    /// use trinocular::calendar::Utc;
+    ///
+    /// let utc = Utc::of(951_782_400);
+    /// assert_eq!([utc.year, utc.month, utc.day], [2000, 2, 29]);
+    /// ```
     pub fn of(unix_s: u64) -> Self {
         let (days, second) = (unix_s / 86_400, unix_s % 86_400);
         // Eras of 400 years and years that begin with March, so that the leap day is a year's last.

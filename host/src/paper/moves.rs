@@ -51,6 +51,17 @@ pub struct Row {
 
 /// Measures all eight moves of a rendered poster.
 ///
+/// ```
+/// use trinocular::paper::moves;
+/// use trinocular_vision::images::{SceneSettings, TextureKind};
+///
+/// let rows = moves::run(TextureKind::Natural, 1, SceneSettings::default())?;
+/// assert_eq!(rows[0].true_mm, [10.0, 10.0, 0.0]);
+/// let [x, _, _] = rows[0].midpoint.expect("an answer");
+/// assert!((x - 10.0).abs() < moves::BOUND_MM[0]);
+/// # Ok::<(), trinocular::servo::ServoError>(())
+/// ```
+///
 /// # Errors
 /// If the scene cannot be rendered or the keyframe shows nothing usable.
 pub fn run(
