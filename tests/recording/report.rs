@@ -132,7 +132,7 @@ fn occlusion_is_marked_where_it_happened() {
         events(&live)
     );
     // The pictures show the first frame set that was refused.
-    assert!(live.contains("not used: lost") && live.contains(">\ntrue\n</text>"));
+    assert!(live.contains("not used: lost") && live.contains(">true</text>"));
 }
 
 #[test]

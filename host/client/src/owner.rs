@@ -25,6 +25,7 @@ pub(crate) use system::{Listener, Stream};
 
 use crate::serial::Holder;
 use std::io::{self, Read, Write};
+use std::net::{SocketAddr, ToSocketAddrs as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use trinocular_rig::printable::printable;
@@ -160,8 +161,12 @@ pub fn this_program() -> Holder {
 
 /// Returns the place of the socket of a port's owner.
 pub(crate) fn socket(port: &str) -> io::Result<PathBuf> {
-    let real = Path::new(port).canonicalize();
-    let real = real.map_or(port.to_owned(), |path| path.to_string_lossy().into_owned());
+    let real = match port.strip_prefix("tcp://") {
+        Some(address) => tcp_name(address),
+        None => Path::new(port)
+            .canonicalize()
+            .map_or(port.to_owned(), |path| path.to_string_lossy().into_owned()),
+    };
     let last = real.rsplit(['/', '\\']).next().unwrap_or_default();
     let plain = |letter: char| match letter.is_ascii_alphanumeric() {
         true => letter,
@@ -169,6 +174,24 @@ pub(crate) fn socket(port: &str) -> io::Result<PathBuf> {
     };
     let last: String = last.chars().map(plain).take(24).collect();
     Ok(folder()?.join(format!("{last}-{:016x}", fnv(real.as_bytes()))))
+}
+
+/// Returns one name for all spellings of a TCP address: `localhost`, `127.0.0.1` and `0.0.0.0` lead
+/// to the same station. An address that cannot be resolved keeps its spelling.
+fn tcp_name(address: &str) -> String {
+    let resolved = address.to_socket_addrs().map(Iterator::collect::<Vec<_>>);
+    let addresses = resolved.unwrap_or_default();
+    let is_here =
+        |address: &SocketAddr| address.ip().is_loopback() || address.ip().is_unspecified();
+    match addresses
+        .iter()
+        .find(|address| is_here(address))
+        .or(addresses.iter().min())
+    {
+        Some(address) if is_here(address) => format!("tcp://localhost:{}", address.port()),
+        Some(address) => format!("tcp://{address}"),
+        None => format!("tcp://{address}"),
+    }
 }
 
 /// Returns the user's own folder for sockets and links, which only the user can enter.
@@ -227,6 +250,26 @@ mod tests {
         let roundabout = folder.path().join(".").join("port");
         assert_eq!(name(&port), name(&roundabout));
         assert_ne!(name(&port), name(&folder.path().join("other")));
+    }
+
+    #[test]
+    fn spellings_of_an_address_are_one_port() {
+        let place = |port: &str| socket(port).expect("a place");
+        for same in [
+            "tcp://localhost:7600",
+            "tcp://0.0.0.0:7600",
+            "tcp://127.0.0.1:07600",
+            "tcp://[::1]:7600",
+        ] {
+            assert_eq!(place(same), place("tcp://127.0.0.1:7600"), "{same}");
+        }
+        for other in [
+            "tcp://127.0.0.1:7601",
+            "tcp://192.0.2.7:7600",
+            "tcp://:7600",
+        ] {
+            assert_ne!(place(other), place("tcp://127.0.0.1:7600"), "{other}");
+        }
     }
 
     #[test]

@@ -1,6 +1,8 @@
 // Buttons and keys that control the run, on a page that was opened by the control link.
 
 const byId = (id) => document.getElementById(id);
+// A stop is answered by the program's thread that serves the page, whatever its loop does.
+const STOP_PATIENCE_MS = 1000;
 
 export class Controls {
   constructor(link) {
@@ -44,8 +46,9 @@ export class Controls {
   }
 
   async stop() {
-    const error = await this.link.do({ stop: {} });
-    byId("answer").textContent = error ? `NOT STOPPED: ${error}` : "Stop was sent.";
+    const error = await this.link.do({ stop: {} }, STOP_PATIENCE_MS);
+    byId("answer").textContent = error
+      ? `NOT STOPPED: ${error}. Press the emergency stop.` : "Stop was sent.";
   }
 
   async ask(action) {

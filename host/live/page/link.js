@@ -72,11 +72,15 @@ export class Link {
     return true;
   }
 
-  // Asks for an action; resolves to null, or to the reason why it was not done.
-  do(action) {
+  // Asks for an action; resolves to null, or to the reason why it was not done. An answer may take
+  // this time.
+  do(action, patienceMs = 5000) {
     return new Promise((resolve) => {
       const id = ++this.count;
       this.waiting.set(id, resolve);
+      setTimeout(() => {
+        if (this.waiting.delete(id)) resolve("the program does not answer");
+      }, patienceMs);
       if (!this.send({ do: action, id })) {
         this.waiting.delete(id);
         resolve("not connected");

@@ -66,6 +66,12 @@ pub fn run(options: &ExportOptions, out: &mut impl Write) -> Result<(), Failure>
     let open = |path: &PathBuf| Output::open(path, replace);
     let csv = options.csv.as_ref().map(open).transpose()?;
     let parquet = options.parquet.as_ref().map(open).transpose()?;
+    if let (Some(csv), Some(parquet)) = (&csv, &parquet)
+        && csv.is_same_file(parquet)
+    {
+        let reason = "--csv and --parquet name the same file; name two";
+        return Err(Failure::Usage(reason.to_owned()));
+    }
     if csv.is_some() || parquet.is_some() {
         tables(&source, csv, parquet, out)?;
     }

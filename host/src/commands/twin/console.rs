@@ -58,6 +58,38 @@ impl Order {
     }
 }
 
+/// Waits until standard input may be read. The system stops a program in the background of a
+/// terminal (`twin &`) that reads from it.
+#[cfg(unix)]
+fn wait_for_foreground() {
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
+    use rustix::process::getpgrp;
+    use rustix::termios::tcgetpgrp;
+    use std::time::Duration;
+
+    /// Pause between two looks.
+    const LOOK: Duration = Duration::from_millis(200);
+    let input = std::io::stdin();
+    // What is no terminal has no foreground.
+    while let Ok(foreground) = tcgetpgrp(&input) {
+        let is_foreground = foreground == getpgrp();
+        let timeout = Timespec::try_from(LOOK).ok();
+        let mut fds = [PollFd::new(&input, PollFlags::IN)];
+        let is_ready = poll(&mut fds, timeout.as_ref()).is_ok_and(|count| count > 0);
+        // It may have gone to the background while it waited.
+        if is_foreground && is_ready && tcgetpgrp(&input).is_ok_and(|now| now == getpgrp()) {
+            return;
+        }
+        if is_ready {
+            std::thread::sleep(LOOK);
+        }
+    }
+}
+
+/// Waits for nothing: no program is stopped for reading.
+#[cfg(not(unix))]
+fn wait_for_foreground() {}
+
 /// Thread that reads the orders. It ends with standard input or with the program.
 pub struct Console(Receiver<Order>);
 
@@ -68,6 +100,7 @@ impl Console {
         std::thread::spawn(move || {
             let mut input = std::io::stdin().lock();
             loop {
+                wait_for_foreground();
                 let mut line = Vec::new();
                 match input.by_ref().take(LONGEST).read_until(b'\n', &mut line) {
                     Ok(0) | Err(_) => return,

@@ -74,7 +74,10 @@ pub enum FlowRefusal {
         second: [f64; 3],
     },
     /// No displacement within the search range explains the images.
-    #[error("lost: no displacement within reach explains the images (best likeness {zncc:.2})")]
+    #[error(
+        "lost: no displacement within reach explains the images (best likeness {zncc:.2}); the \
+         target moved too far, turned, or is hidden"
+    )]
     Lost {
         /// Mean zncc of the best displacement, -1 to 1.
         zncc: f32,

@@ -55,7 +55,7 @@ const LIMIT: Limit = Limit {
     bytes: 4 << 20,
 };
 /// Names of the values that are read.
-const KEYS: [&str; 23] = [
+const KEYS: [&str; 26] = [
     "image_Width",
     "image_Height",
     "Camera_Matrix",
@@ -65,6 +65,9 @@ const KEYS: [&str; 23] = [
     "K",
     "D",
     "P",
+    "k",
+    "d",
+    "p",
     "binning_x",
     "binning_y",
     "roi",

@@ -572,6 +572,33 @@ fn printed_camera_info_is_read() {
     assert_eq!(file.places.matrix.field, "K");
 }
 
+/// Tests the spelling of ROS 2, with block lists as `ros2 topic echo` prints them.
+#[test]
+fn printed_camera_info_of_ros_2_is_read() {
+    let list = |numbers: &str| {
+        let numbers = numbers.split(',');
+        numbers
+            .map(|n| format!("- {}\n", n.trim()))
+            .collect::<String>()
+    };
+    let file = parse(&format!(
+        "header:\n  stamp:\n    sec: 5\n    nanosec: 0\n  frame_id: right\nheight: 480\n\
+         width: 640\ndistortion_model: plumb_bob\nd:\n{}k:\n{}r:\n{}p:\n{}binning_x: 0\nbinning_y: 0\nroi:\n  \
+         x_offset: 0\n  y_offset: 0\n  height: 0\n  width: 0\n  do_rectify: false\n---\n",
+        list("-0.28, 0.03, 0.001, 0.0, 0.1"),
+        list(MATRIX),
+        list("1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0"),
+        list(PROJECTION),
+    ))
+    .unwrap();
+    let expected = ros_file();
+    assert_eq!(
+        (known(&file), file.motion),
+        (known(&expected), expected.motion)
+    );
+    assert_eq!(file.places.matrix.field, "k");
+}
+
 #[test]
 fn ini_of_ros_calibration_is_read() {
     let rows = |text: &str, length: usize| {

@@ -30,7 +30,7 @@ const QUOTED: usize = 60;
 
 /// Names, each with another spelling: OpenCV 2.4's, and those of a printed `camera_info` message.
 /// That message's `R` is not here, because OpenCV's files have another `R`.
-pub(super) const ALIASES: [(&str, &str); 9] = [
+pub(super) const ALIASES: [(&str, &str); 12] = [
     ("image_width", "image_Width"),
     ("image_height", "image_Height"),
     ("camera_matrix", "Camera_Matrix"),
@@ -40,6 +40,10 @@ pub(super) const ALIASES: [(&str, &str); 9] = [
     ("camera_matrix", "K"),
     ("distortion_coefficients", "D"),
     ("projection_matrix", "P"),
+    // ROS 2.
+    ("camera_matrix", "k"),
+    ("distortion_coefficients", "d"),
+    ("projection_matrix", "p"),
 ];
 
 /// First document of a file.
