@@ -55,7 +55,7 @@ const LIMIT: Limit = Limit {
     bytes: 4 << 20,
 };
 /// Names of the values that are read.
-const KEYS: [&str; 26] = [
+const KEYS: [&str; 27] = [
     "image_Width",
     "image_Height",
     "Camera_Matrix",
@@ -67,6 +67,7 @@ const KEYS: [&str; 26] = [
     "P",
     "k",
     "d",
+    "r",
     "p",
     "binning_x",
     "binning_y",

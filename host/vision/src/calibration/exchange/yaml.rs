@@ -30,7 +30,7 @@ const QUOTED: usize = 60;
 
 /// Names, each with another spelling: OpenCV 2.4's, and those of a printed `camera_info` message.
 /// That message's `R` is not here, because OpenCV's files have another `R`.
-pub(super) const ALIASES: [(&str, &str); 12] = [
+pub(super) const ALIASES: [(&str, &str); 13] = [
     ("image_width", "image_Width"),
     ("image_height", "image_Height"),
     ("camera_matrix", "Camera_Matrix"),
@@ -43,6 +43,7 @@ pub(super) const ALIASES: [(&str, &str); 12] = [
     // ROS 2.
     ("camera_matrix", "k"),
     ("distortion_coefficients", "d"),
+    ("rectification_matrix", "r"),
     ("projection_matrix", "p"),
 ];
 
