@@ -49,41 +49,40 @@ impl Equation {
     pub fn residual(&self, solution: &Solution) -> Vector3<f64> {
         apply(&self.coefficients, solution)
     }
+}
 
-    /// Computes the derivatives of the coefficients by independent noises of the variance that the
-    /// scale of the noise states; `factor` is the Cholesky factor of the two instants' covariance.
-    pub fn noise(
-        &self,
-        geometry: &Geometry,
-        observation: &Observation,
-        middle: &Vector3<f64>,
-        factor: &[[f64; 2]; 2],
-    ) -> Derivatives {
-        let ([u0, u1], [rho0, rho1]) = split(observation);
-        let across = libm::sqrt(1.0 / geometry.cameras() as f64);
-        let along = libm::sqrt(1.0 / geometry.arms_squared_mm2());
-        let lateral = |axis: usize, rho: f64, sign: f64| {
-            let unit = Vector3::ith(axis, across * rho);
-            assemble(0.0, unit, sign * unit)
-        };
-        let depth = |rho: f64, u: Vector3<f64>, sign: f64| {
-            along * assemble(rho, u - 2.0 * rho * middle, sign * u)
-        };
-        let start = [
-            lateral(0, rho1, -1.0),
-            lateral(1, rho1, -1.0),
-            depth(rho1, u1, 1.0),
-        ];
-        let end = [
-            lateral(0, rho0, 1.0),
-            lateral(1, rho0, 1.0),
-            depth(rho0, u0, -1.0),
-        ];
-        core::array::from_fn(|j| match j % 2 {
-            0 => factor[0][0] * start[j / 2] + factor[1][0] * end[j / 2],
-            _ => factor[1][1] * end[j / 2],
-        })
-    }
+/// Computes the derivatives of the coefficients by independent noises of the variance that the
+/// scale of the noise states; `factor` is the Cholesky factor of the two instants' covariance.
+pub(super) fn noise(
+    geometry: &Geometry,
+    observation: &Observation,
+    middle: &Vector3<f64>,
+    factor: &[[f64; 2]; 2],
+) -> Derivatives {
+    let ([u0, u1], [rho0, rho1]) = split(observation);
+    let across = libm::sqrt(1.0 / geometry.cameras() as f64);
+    let along = libm::sqrt(1.0 / geometry.arms_squared_mm2());
+    let lateral = |axis: usize, rho: f64, sign: f64| {
+        let unit = Vector3::ith(axis, across * rho);
+        assemble(0.0, unit, sign * unit)
+    };
+    let depth = |rho: f64, u: Vector3<f64>, sign: f64| {
+        along * assemble(rho, u - 2.0 * rho * middle, sign * u)
+    };
+    let start = [
+        lateral(0, rho1, -1.0),
+        lateral(1, rho1, -1.0),
+        depth(rho1, u1, 1.0),
+    ];
+    let end = [
+        lateral(0, rho0, 1.0),
+        lateral(1, rho0, 1.0),
+        depth(rho0, u0, -1.0),
+    ];
+    core::array::from_fn(|j| match j % 2 {
+        0 => factor[0][0] * start[j / 2] + factor[1][0] * end[j / 2],
+        _ => factor[1][1] * end[j / 2],
+    })
 }
 
 /// Weight of an equation: the inverse of the covariance of its residual, in units of the noise's

@@ -130,23 +130,8 @@ pub fn solve(geometry: &Geometry, observations: &[Observation]) -> Result<Estima
 /// # Errors
 /// [`Refusal`], if the points do not determine a rotation.
 pub fn plain(geometry: &Geometry, observations: &[Observation]) -> Result<Estimate, Refusal> {
-    let middle = middle(observations)?;
-    let mut normal = Normal::default();
-    for observation in observations {
-        let equation = Equation::new(observation, &middle);
-        normal.add(&equation, &Weight::still(geometry, observation), None);
-    }
-    let solution = normal.solve(0.0)?;
-    let weigh = |observation: &Observation| Weight::still(geometry, observation);
     let (scale, _) = Noise::of(geometry, observations).factor();
-    Ok(finish(
-        geometry,
-        observations,
-        scale,
-        &middle,
-        &solution,
-        weigh,
-    ))
+    first_stage(geometry, observations, None, scale)
 }
 
 /// Estimates the pose with the weights of a target that does not turn and removes the noise's
@@ -159,18 +144,8 @@ pub fn noise_removed(
     observations: &[Observation],
     noise: &Noise,
 ) -> Result<Estimate, Refusal> {
-    let middle = middle(observations)?;
-    let solution = first_pass(geometry, observations, noise, &middle)?;
-    let weigh = |observation: &Observation| Weight::still(geometry, observation);
     let (scale, _) = noise.factor();
-    Ok(finish(
-        geometry,
-        observations,
-        scale,
-        &middle,
-        &solution,
-        weigh,
-    ))
+    first_stage(geometry, observations, Some(noise), scale)
 }
 
 /// Estimates the pose by both passes.
@@ -183,24 +158,22 @@ pub fn reweighted(
     noise: &Noise,
 ) -> Result<Estimate, Refusal> {
     let middle = middle(observations)?;
-    let first = first_pass(geometry, observations, noise, &middle)?;
+    let first = first_pass(geometry, observations, Some(noise), &middle)?;
     let (scale, factor) = noise.factor();
-    let weigh = |equation: &Equation, observation: &Observation| {
-        let derivatives = equation.noise(geometry, observation, &middle, &factor);
+    let weigh = |observation: &Observation| {
+        let derivatives = equation::noise(geometry, observation, &middle, &factor);
         let weight = Weight::of_noise(&derivatives, &first)?;
         Some((weight, derivatives))
     };
     let mut normal = Normal::default();
     for observation in observations {
         let equation = Equation::new(observation, &middle);
-        let (weight, derivatives) = weigh(&equation, observation).ok_or(Refusal::Degenerate)?;
+        let (weight, derivatives) = weigh(observation).ok_or(Refusal::Degenerate)?;
         normal.add(&equation, &weight, Some(&derivatives));
     }
     let solution = normal.solve(scale)?;
-    let weigh = |observation: &Observation| {
-        let weight = weigh(&Equation::new(observation, &middle), observation);
-        weight.map_or(Weight::ZERO, |(weight, _)| weight)
-    };
+    let weigh =
+        |observation: &Observation| weigh(observation).map_or(Weight::ZERO, |(weight, _)| weight);
     Ok(finish(
         geometry,
         observations,
@@ -211,22 +184,43 @@ pub fn reweighted(
     ))
 }
 
-/// Solves the sums of the first pass.
+/// Solves the sums of the first pass, and states the covariance for noise of this scale.
+fn first_stage(
+    geometry: &Geometry,
+    observations: &[Observation],
+    removed: Option<&Noise>,
+    scale: f64,
+) -> Result<Estimate, Refusal> {
+    let middle = middle(observations)?;
+    let solution = first_pass(geometry, observations, removed, &middle)?;
+    let weigh = |observation: &Observation| Weight::still(geometry, observation);
+    Ok(finish(
+        geometry,
+        observations,
+        scale,
+        &middle,
+        &solution,
+        weigh,
+    ))
+}
+
+/// Solves the sums of the first pass. Leaves the noise's share in if no noise is `removed`.
 fn first_pass(
     geometry: &Geometry,
     observations: &[Observation],
-    noise: &Noise,
+    removed: Option<&Noise>,
     middle: &Vector3<f64>,
 ) -> Result<Solution, Refusal> {
-    let (scale, factor) = noise.factor();
+    let factored = removed.map(Noise::factor);
     let mut normal = Normal::default();
     for observation in observations {
         let equation = Equation::new(observation, middle);
-        let derivatives = equation.noise(geometry, observation, middle, &factor);
+        let derivatives =
+            factored.map(|(_, factor)| equation::noise(geometry, observation, middle, &factor));
         let weight = Weight::still(geometry, observation);
-        normal.add(&equation, &weight, Some(&derivatives));
+        normal.add(&equation, &weight, derivatives.as_ref());
     }
-    normal.solve(scale)
+    normal.solve(factored.map_or(0.0, |(scale, _)| scale))
 }
 
 /// Returns the mean of all points of both instants about the mean camera, mm: the pivot for which
