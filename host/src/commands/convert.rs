@@ -20,8 +20,8 @@ use super::json;
 /// Reads one rig file (.toml), or one file per camera, whose name is the camera's: the YAML, JSON
 /// or XML of OpenCV's FileStorage (also .gz), or ROS's camera_info as YAML, as printed by rostopic
 /// echo, or as the INI file of its calibration program. Other known layouts, such as Kalibr's, are
-/// named with the way to one of these. Prints the rig file on standard output unless
-/// an option names a file or folder.
+/// named with the way to one of these. Prints the rig file on standard output unless an option
+/// names a file or folder.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ConvertOptions {

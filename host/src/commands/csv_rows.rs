@@ -9,18 +9,42 @@ use super::json;
 /// Column: its name, and the way to the value in the object, as a JSON pointer.
 pub type Column = (&'static str, &'static str);
 
+/// Columns of a displacement with its covariance.
+pub const DISPLACEMENT: [Column; 12] = [
+    ("x_mm", "/displacement_mm/0"),
+    ("y_mm", "/displacement_mm/1"),
+    ("z_mm", "/displacement_mm/2"),
+    ("sigma_x_mm", "/sigma_mm/0"),
+    ("sigma_y_mm", "/sigma_mm/1"),
+    ("sigma_z_mm", "/sigma_mm/2"),
+    ("cov_xx_mm2", "/covariance_mm2/0/0"),
+    ("cov_xy_mm2", "/covariance_mm2/0/1"),
+    ("cov_xz_mm2", "/covariance_mm2/0/2"),
+    ("cov_yy_mm2", "/covariance_mm2/1/1"),
+    ("cov_yz_mm2", "/covariance_mm2/1/2"),
+    ("cov_zz_mm2", "/covariance_mm2/2/2"),
+];
+
+/// Groups of columns, in their order.
+pub type Columns = [&'static [Column]];
+
 /// Writes the header.
-pub fn header(out: &mut impl Write, columns: &[Column]) -> io::Result<()> {
-    let names: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
+pub fn header(out: &mut impl Write, columns: &Columns) -> io::Result<()> {
+    let names: Vec<&str> = columns
+        .iter()
+        .copied()
+        .flatten()
+        .map(|(name, _)| *name)
+        .collect();
     writeln!(out, "{}", names.join(","))
 }
 
 /// Writes the row of an object, with its numbers rounded as in `--json`. What the object lacks is
 /// empty.
-pub fn row(out: &mut impl Write, columns: &[Column], object: Value) -> io::Result<()> {
+pub fn row(out: &mut impl Write, columns: &Columns, object: Value) -> io::Result<()> {
     let object = json::rounded(object);
     let cell = |(_, way): &Column| object.pointer(way).map_or(String::new(), text);
-    let cells: Vec<String> = columns.iter().map(cell).collect();
+    let cells: Vec<String> = columns.iter().copied().flatten().map(cell).collect();
     writeln!(out, "{}", cells.join(","))
 }
 
@@ -48,12 +72,13 @@ mod tests {
 
     #[test]
     fn cells_follow_columns() {
-        let columns: [Column; 5] = [
-            ("frame", "/frame"),
-            ("x_mm", "/displacement_mm/0"),
-            ("z_mm", "/displacement_mm/2"),
-            ("refused", "/refused"),
-            ("warnings", "/warnings"),
+        let columns: [&[Column]; 2] = [
+            &[
+                ("frame", "/frame"),
+                ("x_mm", "/displacement_mm/0"),
+                ("z_mm", "/displacement_mm/2"),
+            ],
+            &[("refused", "/refused"), ("warnings", "/warnings")],
         ];
         let mut out = Vec::new();
         header(&mut out, &columns).unwrap();

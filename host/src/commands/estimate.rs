@@ -44,10 +44,10 @@ pub struct EstimateOptions {
     /// taken at the same instant (PNG, JPEG, PNM, TIFF, BMP or WebP). Or all images in one folder,
     /// each camera's name first (left1.png), or a TIFF stack (left.tif) or a Y4M video (left.y4m,
     /// also a named pipe) per camera. Colour becomes grey; values of more than 8 bits are scaled by
-    /// the bits that they use. Frame sets are taken in the order of
-    /// their names, in which numbers count as numbers. Frame 1 is the second frame set. If a
-    /// camera's file is missing, the frame is measured without that camera, with a warning; if a
-    /// file cannot be read, the frame is refused.
+    /// the bits that they use. Frame sets are taken in the order of their names, in which numbers
+    /// count as numbers. Frame 1 is the second frame set. If a camera's file is missing, the frame
+    /// is measured without that camera, with a warning; if a file cannot be read, the frame is
+    /// refused.
     ///
     /// Recording: a file of --record, or sensor_msgs/Image or CompressedImage of all cameras in an
     /// MCAP file or in the folder of a ROS 2 bag. Frame sets are matched by the stamps in the

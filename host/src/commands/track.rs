@@ -9,7 +9,7 @@ mod recorded;
 mod report;
 mod simulated;
 
-use super::csv_rows::Column;
+use super::csv_rows::{self, Column};
 use super::folder_input::PairOption;
 use super::frames::{RecordingInput, rig_missing};
 use super::port::PortOption;
@@ -51,8 +51,9 @@ pub struct Source {
     /// PNG, JPEG, PNM, TIFF, BMP or WebP, in the order of their names, in which numbers count as
     /// numbers. Or one folder with each camera's name first (left1.png), or a TIFF stack (left.tif)
     /// or a Y4M video (left.y4m, also a named pipe) per camera; the rate of videos is used. If a
-    /// camera's file is missing, the others carry on, and the row names that camera. Unreadable frame sets are skipped with a warning; the exit code is then 1. Or a recording
-    /// (MCAP, ROS 2 bag), which may hold the rig, and whose frame rate is used.
+    /// camera's file is missing, the others carry on, and the row names that camera. Unreadable
+    /// frame sets are skipped with a warning; the exit code is then 1. Or a recording (MCAP, ROS 2
+    /// bag), which may hold the rig, and whose frame rate is used.
     #[arg(long, value_name = "DIR", help_heading = SOURCE)]
     images: Option<PathBuf>,
 
@@ -337,37 +338,27 @@ fn add_warnings(object: &mut Value, sentences: Vec<String>) {
 }
 
 /// Columns of `--csv`; those of other sources stay empty.
-const COLUMNS: [Column; 30] = [
-    ("frame", "/frame"),
-    ("time_s", "/time_s"),
-    ("x_mm", "/displacement_mm/0"),
-    ("y_mm", "/displacement_mm/1"),
-    ("z_mm", "/displacement_mm/2"),
-    ("sigma_x_mm", "/sigma_mm/0"),
-    ("sigma_y_mm", "/sigma_mm/1"),
-    ("sigma_z_mm", "/sigma_mm/2"),
-    ("cov_xx_mm2", "/covariance_mm2/0/0"),
-    ("cov_xy_mm2", "/covariance_mm2/0/1"),
-    ("cov_xz_mm2", "/covariance_mm2/0/2"),
-    ("cov_yy_mm2", "/covariance_mm2/1/1"),
-    ("cov_yz_mm2", "/covariance_mm2/1/2"),
-    ("cov_zz_mm2", "/covariance_mm2/2/2"),
-    ("points", "/points"),
-    ("rejected", "/rejected"),
-    ("latency_ms", "/latency_ms"),
-    ("trust", "/trust"),
-    ("stage_x_mm", "/stage_mm/0"),
-    ("stage_y_mm", "/stage_mm/1"),
-    ("stage_z_mm", "/stage_mm/2"),
-    ("camera_x_mm", "/camera_mm/0"),
-    ("camera_y_mm", "/camera_mm/1"),
-    ("camera_z_mm", "/camera_mm/2"),
-    ("target_x_mm", "/target_mm/0"),
-    ("target_y_mm", "/target_mm/1"),
-    ("target_z_mm", "/target_mm/2"),
-    ("drops", "/drops"),
-    ("refused", "/refused"),
-    ("warnings", "/warnings"),
+const COLUMNS: [&[Column]; 3] = [
+    &[("frame", "/frame"), ("time_s", "/time_s")],
+    &csv_rows::DISPLACEMENT,
+    &[
+        ("points", "/points"),
+        ("rejected", "/rejected"),
+        ("latency_ms", "/latency_ms"),
+        ("trust", "/trust"),
+        ("stage_x_mm", "/stage_mm/0"),
+        ("stage_y_mm", "/stage_mm/1"),
+        ("stage_z_mm", "/stage_mm/2"),
+        ("camera_x_mm", "/camera_mm/0"),
+        ("camera_y_mm", "/camera_mm/1"),
+        ("camera_z_mm", "/camera_mm/2"),
+        ("target_x_mm", "/target_mm/0"),
+        ("target_y_mm", "/target_mm/1"),
+        ("target_z_mm", "/target_mm/2"),
+        ("drops", "/drops"),
+        ("refused", "/refused"),
+        ("warnings", "/warnings"),
+    ],
 ];
 
 /// Formats the standard deviation and the counts of a used row.

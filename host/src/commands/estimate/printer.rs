@@ -35,34 +35,25 @@ struct Refused {
 }
 
 /// Columns of `--csv`.
-const COLUMNS: [Column; 27] = [
-    ("frame", "/frame"),
-    ("x_mm", "/displacement_mm/0"),
-    ("y_mm", "/displacement_mm/1"),
-    ("z_mm", "/displacement_mm/2"),
-    ("sigma_x_mm", "/sigma_mm/0"),
-    ("sigma_y_mm", "/sigma_mm/1"),
-    ("sigma_z_mm", "/sigma_mm/2"),
-    ("cov_xx_mm2", "/covariance_mm2/0/0"),
-    ("cov_xy_mm2", "/covariance_mm2/0/1"),
-    ("cov_xz_mm2", "/covariance_mm2/0/2"),
-    ("cov_yy_mm2", "/covariance_mm2/1/1"),
-    ("cov_yz_mm2", "/covariance_mm2/1/2"),
-    ("cov_zz_mm2", "/covariance_mm2/2/2"),
-    ("rotation_x_deg", "/rotation_deg/0"),
-    ("rotation_y_deg", "/rotation_deg/1"),
-    ("rotation_z_deg", "/rotation_deg/2"),
-    ("rotation_sigma_x_deg", "/rotation_sigma_deg/0"),
-    ("rotation_sigma_y_deg", "/rotation_sigma_deg/1"),
-    ("rotation_sigma_z_deg", "/rotation_sigma_deg/2"),
-    ("pivot_x_mm", "/pivot_mm/0"),
-    ("pivot_y_mm", "/pivot_mm/1"),
-    ("pivot_z_mm", "/pivot_mm/2"),
-    ("points", "/points"),
-    ("rejected", "/rejected"),
-    ("method", "/method"),
-    ("refused", "/refused"),
-    ("warnings", "/warnings"),
+const COLUMNS: [&[Column]; 3] = [
+    &[("frame", "/frame")],
+    &csv_rows::DISPLACEMENT,
+    &[
+        ("rotation_x_deg", "/rotation_deg/0"),
+        ("rotation_y_deg", "/rotation_deg/1"),
+        ("rotation_z_deg", "/rotation_deg/2"),
+        ("rotation_sigma_x_deg", "/rotation_sigma_deg/0"),
+        ("rotation_sigma_y_deg", "/rotation_sigma_deg/1"),
+        ("rotation_sigma_z_deg", "/rotation_sigma_deg/2"),
+        ("pivot_x_mm", "/pivot_mm/0"),
+        ("pivot_y_mm", "/pivot_mm/1"),
+        ("pivot_z_mm", "/pivot_mm/2"),
+        ("points", "/points"),
+        ("rejected", "/rejected"),
+        ("method", "/method"),
+        ("refused", "/refused"),
+        ("warnings", "/warnings"),
+    ],
 ];
 
 /// Result of an estimator.

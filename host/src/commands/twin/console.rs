@@ -70,18 +70,17 @@ fn wait_for_foreground() {
     /// Pause between two looks.
     const LOOK: Duration = Duration::from_millis(200);
     let input = std::io::stdin();
-    // What is no terminal has no foreground.
-    while let Ok(foreground) = tcgetpgrp(&input) {
-        let is_foreground = foreground == getpgrp();
-        let timeout = Timespec::try_from(LOOK).ok();
+    let timeout = Timespec::try_from(LOOK).ok();
+    loop {
         let mut fds = [PollFd::new(&input, PollFlags::IN)];
         let is_ready = poll(&mut fds, timeout.as_ref()).is_ok_and(|count| count > 0);
-        // It may have gone to the background while it waited.
-        if is_foreground && is_ready && tcgetpgrp(&input).is_ok_and(|now| now == getpgrp()) {
-            return;
-        }
-        if is_ready {
-            std::thread::sleep(LOOK);
+        match tcgetpgrp(&input) {
+            // What is no terminal has no foreground.
+            Err(_) => return,
+            Ok(foreground) if is_ready && foreground == getpgrp() => return,
+            // The line is for the program in the foreground, which reads it now.
+            Ok(_) if is_ready => std::thread::sleep(LOOK),
+            Ok(_) => {}
         }
     }
 }
