@@ -48,7 +48,7 @@ pub struct Row {
 }
 
 /// Runs all rows of the study. `progress` gets the share that is done.
-pub fn all(trials: usize, progress: impl Fn(f64)) -> Result<Vec<Row>, Refusal> {
+pub fn all(trials: usize, mut progress: impl FnMut(f64)) -> Result<Vec<Row>, Refusal> {
     let counts = |noise_px: f64, angle_deg: f64| match (noise_px, angle_deg) {
         (0.05, 5.0) => &[50, 100, 200][..],
         _ => &[100][..],

@@ -140,7 +140,8 @@ impl FrameSetServo {
         })
     }
 
-    /// Restricts the points to regions of the cameras' images, from the next keyframe on.
+    /// Restricts the points to regions of the cameras' images. Rectangles take effect at the next
+    /// keyframe, masks at the next measurement.
     pub fn set_regions(&mut self, regions: Regions) {
         self.servo.set_regions(regions);
     }

@@ -4,6 +4,7 @@
 use super::observer::{ServoEvent, ServoObserver};
 use super::station_link::{FrameRefusal, StationLink};
 use trinocular_client::StationError;
+use trinocular_core::estimate::midpoint;
 use trinocular_core::frame::message::{EstimateReport, Frame, Sums as FrameSums};
 use trinocular_core::rig::Rig;
 use trinocular_core::safety::Trust;
@@ -109,7 +110,7 @@ pub struct Measured {
 }
 
 fn covariance_mm2(sums: &Sums) -> Option<[[f64; 3]; 3]> {
-    let midpoint = sums.estimates().midpoint.ok()?;
+    let midpoint = midpoint::solve(&sums.centred).ok()?;
     Some(midpoint.covariance_mm2)
 }
 
@@ -171,7 +172,8 @@ impl VisualServo {
         })
     }
 
-    /// Restricts the points to regions of the cameras' images, from the next keyframe on.
+    /// Restricts the points to regions of the cameras' images. Rectangles take effect at the next
+    /// keyframe, masks at the next measurement.
     pub fn set_regions(&mut self, regions: Regions) {
         self.flow.set_regions(regions);
     }

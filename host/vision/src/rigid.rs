@@ -7,8 +7,8 @@ use trinocular_core::estimate::pose::{self, Estimate, Observation};
 use trinocular_core::sums::centred::Geometry;
 use trinocular_rig::random::Random;
 
-/// Samples of three points. If a third of the points is wrong, all samples contain a wrong one once
-/// in ten million files.
+/// Samples of three points. If a third of 30 points or more is wrong, all samples contain a wrong
+/// one with a probability of 1e-7.
 const SAMPLES: usize = 50;
 /// Largest number of points that judge a sample.
 const MOST_JUDGES: usize = 500;
@@ -25,11 +25,10 @@ pub fn motion(geometry: &Geometry, all: &[Observation]) -> Option<Estimate> {
     let judges: Vec<Observation> = all.iter().copied().step_by(stride).collect();
     let mut random = Random::seeded(all.len() as u64);
     let samples = (0..SAMPLES).filter_map(|_| {
-        let sample = [0; 3].map(|_| all.get(random.below(all.len())).copied());
-        let [Some(a), Some(b), Some(c)] = sample else {
-            return None;
-        };
-        let pose = pose::plain(geometry, &[a, b, c]).ok()?;
+        let sample = [0; 3].map(|_| random.below(all.len()));
+        let is_thrice = sample[0] != sample[1] && sample[1] != sample[2] && sample[2] != sample[0];
+        let sample = is_thrice.then(|| sample.map(|index| all[index]))?;
+        let pose = pose::plain(geometry, &sample).ok()?;
         let score: f64 = judges
             .iter()
             .map(|o| distance(geometry, &pose, o).min(FAR))
@@ -53,10 +52,10 @@ pub fn motion(geometry: &Geometry, all: &[Observation]) -> Option<Estimate> {
 /// Returns the distance in the mean camera of a point from where the pose puts it, in normalised
 /// coordinates.
 fn distance(geometry: &Geometry, pose: &Estimate, observation: &Observation) -> f64 {
-    let [cx, cy] = geometry.centre_mm();
-    let start = observation.start_mm();
-    let [x, y, z] = pose.apply([start.x + cx, start.y + cy, start.z]);
+    let Some([x, y, _]) = pose.moved(geometry, observation.start) else {
+        return FAR;
+    };
     let [alpha, beta, _] = observation.end;
-    let off = ((x - cx) / z - alpha).hypot((y - cy) / z - beta);
+    let off = (x - alpha).hypot(y - beta);
     if off.is_finite() { off } else { FAR }
 }

@@ -52,7 +52,7 @@ impl Flow {
         let (settings, geometry) = (&self.settings, &active.geometry);
 
         // Consensus: iteratively re-solved inliers of the midpoint model.
-        let consensus = Consensus::of(geometry, &tracked, rough_mm, settings.min_inlier_px);
+        let consensus = Consensus::of_points(geometry, &tracked, rough_mm, settings.min_inlier_px);
         let (agree, median_px) = consensus
             .as_ref()
             .map_or((0, f64::NAN), |c| (c.count(), c.median_px));
@@ -64,7 +64,7 @@ impl Flow {
         let Some(consensus) = consensus else {
             return Tracking::refused(refused);
         };
-        let displacement_mm = consensus.estimate.displacement_mm;
+        let displacement_mm = consensus.model.estimate.displacement_mm;
         if agree < settings.min_points
             || 2 * agree < expected
             || median_px > settings.max_median_residual_px
@@ -101,14 +101,14 @@ impl Flow {
             }
             // Small rotations and small skews stay in the measurement; sigma contains their bias.
             let rotated = rotation.map_or(1.0, |r| {
-                bias_inflation(&consensus.estimate, inflation.factor, r.bias_mm)
+                bias_inflation(&consensus.model.estimate, inflation.factor, r.bias_mm)
             });
             inflation.factor *= skewed.map_or(1.0, |s| s.variance_inflation).max(rotated);
         }
         inflation.factor = with_common_error(
             inflation.factor,
-            consensus.estimate.sigma_px,
-            consensus.components(),
+            consensus.model.estimate.sigma_px,
+            consensus.model.components(),
         );
         let measurement = Measurement {
             correspondences: inliers,
@@ -142,12 +142,12 @@ impl Flow {
         let track = |matched: &StereoMatch| matcher.track_per_camera(matched, rough_mm).ok();
         let tracked = self.thread_pool.map(matches, track);
         let tracked: Vec<Correspondence> = tracked.into_iter().flatten().collect();
-        let consensus = Consensus::of(geometry, &tracked, rough_mm, settings.min_inlier_px)?;
+        let consensus = Consensus::of_points(geometry, &tracked, rough_mm, settings.min_inlier_px)?;
         let inliers = consensus.inliers_of(tracked);
         if inliers.len() < settings.min_points || 2 * inliers.len() < expected {
             return None;
         }
-        let displacement_mm = consensus.estimate.displacement_mm;
+        let displacement_mm = consensus.model.estimate.displacement_mm;
         let factor = VarianceInflation::of(geometry, &inliers, displacement_mm).factor;
         let camera = UnsynchronisedCamera::find(geometry, &inliers, displacement_mm, factor)?;
         let camera = Some(camera).filter(UnsynchronisedCamera::is_unsynchronised)?;

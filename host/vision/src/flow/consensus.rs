@@ -7,9 +7,9 @@
 //! v_k = g (T_xy - ξ̄_k T_z)        residual in px: focal length times the difference
 //! ```
 //!
-//! [`Consensus::of`] starts from a displacement that is roughly right. Points whose residual is
-//! within three times the median are inliers; the displacement is solved again from the inliers,
-//! until they stay the same.
+//! [`Agreement`] starts from a model that is roughly right: a displacement, or the pose of a target
+//! that turns. Points whose residual is within three times the median are inliers; the model is
+//! solved again from the inliers, until they stay the same.
 //!
 //! [`fit`] serves the displacement search, where only one camera's flow is known: least median of
 //! squares (P. J. Rousseeuw, *Least Median of Squares Regression*, JASA 79, 1984), then weights of
@@ -30,57 +30,45 @@ const MAX_ROUNDS: usize = 12;
 /// Ratio of the inlier limit to the median residual.
 const INLIER_MEDIANS: f64 = 3.0;
 
-/// Inliers and their displacement.
+/// Model on which most points agree, and its inliers.
 #[derive(Clone, Debug)]
-pub struct Consensus {
-    /// Displacement of the inliers, with the covariance of independent observations.
-    pub estimate: Estimate,
+pub struct Agreement<M> {
+    /// Model of the inliers.
+    pub model: M,
     /// Flags of the points that are inliers.
     pub inliers: Vec<bool>,
     /// Median over all points of the residual per axis, px.
     pub median_px: f64,
-    /// Number of point-camera observations behind the estimate.
-    observations: u32,
 }
 
-impl Consensus {
-    /// Finds the inliers among `points`, from the displacement `start_mm` on. Residuals up to
-    /// `min_inlier_px` never make an outlier. Returns `None` if the points determine no
-    /// displacement.
-    pub fn of(
-        geometry: &RigGeometry,
-        points: &[Correspondence],
-        start_mm: [f64; 3],
+impl<M> Agreement<M> {
+    /// Finds the inliers. `residuals_px` computes the residuals of all points against a model, or
+    /// against the start if there is none yet; `solve` computes the model of the flagged points.
+    /// Residuals up to `min_inlier_px` never make an outlier. Returns `None` if the points
+    /// determine no model.
+    pub(super) fn of(
+        residuals_px: impl Fn(Option<&M>) -> Vec<f64>,
+        solve: impl Fn(&[bool]) -> Option<M>,
         min_inlier_px: f64,
     ) -> Option<Self> {
-        let fits: Vec<Option<PointFit>> = (points.iter())
-            .map(|point| geometry.arms.point(&point.views))
-            .collect();
-        let mut displacement_mm = start_mm;
-        let mut consensus: Option<Self> = None;
+        let mut agreement: Option<Self> = None;
         for _ in 0..MAX_ROUNDS {
-            // Residuals of all points against the displacement of the inliers so far.
-            let residuals: Vec<f64> = (points.iter().zip(&fits))
-                .map(|(p, fit)| residual_px(geometry, &p.views, fit.as_ref(), displacement_mm))
-                .collect();
+            let residuals = residuals_px(agreement.as_ref().map(|agreed| &agreed.model));
             let median_px = median(&mut residuals.clone())?;
             let limit = (INLIER_MEDIANS * median_px).max(min_inlier_px);
             let inliers: Vec<bool> = residuals.iter().map(|r| *r <= limit).collect();
-            // The same inliers would give the same displacement: the iteration has converged.
-            if let Some(converged) = consensus.as_mut().filter(|c| c.inliers == inliers) {
+            // The same inliers would give the same model: the iteration has converged.
+            if let Some(converged) = agreement.as_mut().filter(|a| a.inliers == inliers) {
                 converged.median_px = median_px;
                 break;
             }
-            let (estimate, observations) = solve(&geometry.rig, points, &inliers)?;
-            displacement_mm = estimate.displacement_mm;
-            consensus = Some(Self {
-                estimate,
+            agreement = Some(Self {
+                model: solve(&inliers)?,
                 inliers,
                 median_px,
-                observations,
             });
         }
-        consensus
+        agreement
     }
 
     /// Returns the number of inliers.
@@ -88,12 +76,7 @@ impl Consensus {
         self.inliers.iter().filter(|is| **is).count()
     }
 
-    /// Returns the number of flow components (x and y of every observation) behind the estimate.
-    pub fn components(&self) -> f64 {
-        f64::from(2 * self.observations)
-    }
-
-    /// Returns the outliers of `points`, the points of this consensus.
+    /// Returns the outliers of `points`, the points of this agreement.
     pub fn outliers_of<'a>(
         &'a self,
         points: &'a [Correspondence],
@@ -102,12 +85,55 @@ impl Consensus {
         points.filter_map(|(point, is_inlier)| (!is_inlier).then_some(point))
     }
 
-    /// Keeps the inliers of `points`, the points of this consensus.
+    /// Keeps the inliers of `points`, the points of this agreement.
     pub fn inliers_of(&self, points: Vec<Correspondence>) -> Vec<Correspondence> {
         let points = points.into_iter().zip(&self.inliers);
         points
             .filter_map(|(point, is_inlier)| is_inlier.then_some(point))
             .collect()
+    }
+}
+
+/// Displacement of the inliers.
+#[derive(Clone, Copy, Debug)]
+pub struct Displaced {
+    /// Displacement, with the covariance of independent observations.
+    pub estimate: Estimate,
+    /// Number of point-camera observations behind the estimate.
+    observations: u32,
+}
+
+impl Displaced {
+    /// Returns the number of flow components (x and y of every observation) behind the estimate.
+    pub fn components(&self) -> f64 {
+        f64::from(2 * self.observations)
+    }
+}
+
+/// Displacement on which most points agree, and its inliers.
+pub type Consensus = Agreement<Displaced>;
+
+impl Consensus {
+    /// Finds the inliers among `points`, from the displacement `start_mm` on. Residuals up to
+    /// `min_inlier_px` never make an outlier. Returns `None` if the points determine no
+    /// displacement.
+    pub fn of_points(
+        geometry: &RigGeometry,
+        points: &[Correspondence],
+        start_mm: [f64; 3],
+        min_inlier_px: f64,
+    ) -> Option<Self> {
+        let fits: Vec<Option<PointFit>> = (points.iter())
+            .map(|point| geometry.arms.point(&point.views))
+            .collect();
+        let residuals_px = |model: Option<&Displaced>| {
+            let moved_mm = model.map_or(start_mm, |model| model.estimate.displacement_mm);
+            (points.iter().zip(&fits))
+                .map(|(p, fit)| residual_px(geometry, &p.views, fit.as_ref(), moved_mm))
+                .collect()
+        };
+        let solve = |inliers: &[bool]| solve(&geometry.rig, points, inliers);
+        Self::of(residuals_px, solve, min_inlier_px)
     }
 }
 
@@ -130,13 +156,16 @@ fn residual_px(
     geometry.focal_px * (squares / (2.0 * views.len() as f64)).sqrt()
 }
 
-/// Computes the midpoint estimate from the inliers, and the number of its observations.
-fn solve(rig: &Rig, points: &[Correspondence], inliers: &[bool]) -> Option<(Estimate, u32)> {
+/// Computes the midpoint estimate from the inliers.
+fn solve(rig: &Rig, points: &[Correspondence], inliers: &[bool]) -> Option<Displaced> {
     let mut sums = CentredSums::new(rig).ok()?;
     for (point, _) in points.iter().zip(inliers).filter(|(_, is)| **is) {
         sums.add(&point.views);
     }
-    Some((midpoint::solve(&sums).ok()?, sums.observations()))
+    Some(Displaced {
+        estimate: midpoint::solve(&sums).ok()?,
+        observations: sums.observations(),
+    })
 }
 
 /// Motion of one point in one camera, with its inverse depth known.

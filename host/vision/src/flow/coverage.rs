@@ -83,7 +83,7 @@ impl InlierCoverage {
             outlier_cells: 0,
             visible_cells: grid
                 .centres()
-                .filter(|at| regions.have_start(camera, *at))
+                .filter(|at| regions.allow_start(camera, *at))
                 .count(),
         };
         if coverage.is_most() {
@@ -114,7 +114,7 @@ impl InlierCoverage {
         let is_there = |corner| tracker.is_at_prediction(corner);
         let are_there = matcher.thread_pool.map(others.clone(), is_there);
         coverage.inlier_cells += are_there.iter().filter(|is| **is).count();
-        let in_region = grid.centres().filter(|at| regions.have_start(camera, *at));
+        let in_region = grid.centres().filter(|at| regions.allow_start(camera, *at));
         let in_view = in_region.filter(|at| tracker.stays_in_view(*at));
         coverage.visible_cells = in_view.count();
         if coverage.is_most() {

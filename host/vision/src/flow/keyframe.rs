@@ -106,7 +106,7 @@ impl Flow {
     /// Returns true if the point is in the regions of all cameras.
     fn is_within(&self, active: &ActiveCameras, matched: &StereoMatch) -> bool {
         let mut cameras = active.cameras.iter().zip(&matched.pixels);
-        cameras.all(|(camera, pixel)| self.regions.have_start(*camera, *pixel))
+        cameras.all(|(camera, pixel)| self.regions.allow_start(*camera, *pixel))
     }
 
     /// Does the same as [`Flow::set_keyframe`] with a frame set that is already filtered, for
@@ -136,7 +136,7 @@ impl Flow {
             settings.min_spacing_px,
             settings.max_corners,
             thread_pool,
-            |at| regions.have_start(whole, at.map(|c| c as f64)),
+            |at| regions.allow_start(whole, at.map(|c| c as f64)),
         );
         observer.stage_done(PipelineStage::Corners);
         let (found, least) = (corners.len(), settings.min_points);

@@ -68,7 +68,7 @@ impl Flow {
         })
     }
 
-    /// Calls `track` with the keyframe as the cameras see it that are not refused.
+    /// Calls `track` with the keyframe restricted to the cameras that are not refused.
     pub(super) fn with_active<T>(
         &self,
         keyframe: &Keyframe,
@@ -153,16 +153,12 @@ impl Flow {
         let matches: Vec<&StereoMatch> = keyframe.matches.iter().collect();
         let mut rejected_points = Vec::new();
         let cameras = &keyframe.active.cameras;
-        let is_masked = |point: &Correspondence| {
-            let mut pixels = cameras.iter().zip(&point.pixels);
-            pixels.any(|(camera, [_, now])| !self.regions.have(*camera, *now))
-        };
         let track = |matched| {
             let point = matcher.track_point(matched, rough_mm);
-            match point {
-                Ok(point) if is_masked(&point) => (matched, Err(Reject::OutOfView)),
-                point => (matched, point),
-            }
+            (
+                matched,
+                point.and_then(|point| self.unmasked(cameras, point)),
+            )
         };
         for (matched, point) in self.thread_pool.map(matches, track) {
             match point {
@@ -213,6 +209,19 @@ impl Flow {
         }
         observer.stage_done(PipelineStage::Consensus);
         Ok(tracking)
+    }
+
+    /// Rejects a point that some camera sees on its mask now.
+    pub(super) fn unmasked(
+        &self,
+        cameras: &[usize],
+        point: Correspondence,
+    ) -> Result<Correspondence, Reject> {
+        let mut pixels = cameras.iter().zip(&point.pixels);
+        match pixels.all(|(camera, [_, now])| self.regions.allow(*camera, *now)) {
+            true => Ok(point),
+            false => Err(Reject::OutOfView),
+        }
     }
 
     /// Finds the displacement to a fraction of a pixel, without a prior.

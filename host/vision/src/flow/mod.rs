@@ -134,7 +134,8 @@ impl Flow {
         &self.thread_pool
     }
 
-    /// Restricts the points to regions of the cameras' images, from the next keyframe on.
+    /// Restricts the points to regions of the cameras' images. Rectangles take effect at the next
+    /// keyframe, masks at the next measurement.
     pub fn set_regions(&mut self, regions: Regions) {
         self.regions = regions;
     }

@@ -22,7 +22,7 @@ pub struct Region {
 
 impl Region {
     /// Returns true if a point may be chosen at this pixel.
-    pub fn has_start(&self, pixel: [f64; 2]) -> bool {
+    pub fn allows_start(&self, pixel: [f64; 2]) -> bool {
         let is_inside = |[left, top, width, height]: [u32; 4]| {
             let within = |at: f64, start: u32, length: u32| {
                 let start = f64::from(start);
@@ -30,11 +30,11 @@ impl Region {
             };
             within(pixel[0], left, width) && within(pixel[1], top, height)
         };
-        self.rectangle_px.is_none_or(is_inside) && self.has(pixel)
+        self.rectangle_px.is_none_or(is_inside) && self.allows(pixel)
     }
 
     /// Returns true if a point may be followed to this pixel.
-    pub fn has(&self, [x, y]: [f64; 2]) -> bool {
+    pub fn allows(&self, [x, y]: [f64; 2]) -> bool {
         let Some(mask) = &self.mask else {
             return true;
         };
@@ -53,14 +53,14 @@ pub struct Regions(pub Vec<Region>);
 
 impl Regions {
     /// Returns true if a point may be chosen at this pixel of a camera.
-    pub fn have_start(&self, camera: usize, pixel: [f64; 2]) -> bool {
+    pub fn allow_start(&self, camera: usize, pixel: [f64; 2]) -> bool {
         let region = self.0.get(camera);
-        region.is_none_or(|region| region.has_start(pixel))
+        region.is_none_or(|region| region.allows_start(pixel))
     }
 
     /// Returns true if a point may be followed to this pixel of a camera.
-    pub fn have(&self, camera: usize, pixel: [f64; 2]) -> bool {
-        self.0.get(camera).is_none_or(|region| region.has(pixel))
+    pub fn allow(&self, camera: usize, pixel: [f64; 2]) -> bool {
+        self.0.get(camera).is_none_or(|region| region.allows(pixel))
     }
 }
 
@@ -84,8 +84,8 @@ mod tests {
             ([14.5, 22.0], false),
             ([9.4, 22.0], false),
         ] {
-            assert_eq!(region.has_start(pixel), expected, "{pixel:?}");
-            assert!(region.has(pixel));
+            assert_eq!(region.allows_start(pixel), expected, "{pixel:?}");
+            assert!(region.allows(pixel));
         }
     }
 
@@ -151,6 +151,17 @@ mod tests {
             rectangle_px: None,
             mask: Some(Arc::new(mask)),
         };
-        near(measured(&rig, vec![masked; 3]).unwrap(), 4.0);
+        let masked = vec![masked; 3];
+        near(measured(&rig, masked.clone()).unwrap(), 4.0);
+        // The pose of the target, too, and no point of it on the mask.
+        let [before, now] = two_motions(&rig);
+        let mut flow = Flow::new(&rig, FlowSettings::default()).unwrap();
+        flow.set_regions(Regions(masked.clone()));
+        flow.set_keyframe(&before).unwrap();
+        let pose = flow.measure_pose(&now).unwrap();
+        let moved = pose.pose.displacement_of([0.0, 0.0, 850.0]).displacement_mm;
+        assert!((moved[0] - 4.0).abs() < 0.3, "{moved:?}");
+        let pixels = pose.correspondences.iter().flat_map(|point| &point.pixels);
+        assert!(pixels.clone().all(|[_, now]| masked[0].allows(*now)));
     }
 }

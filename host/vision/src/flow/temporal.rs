@@ -190,8 +190,8 @@ impl TemporalMatcher<'_> {
         Some((found.at.map(|c| f64::from(c) * scale), found.zncc))
     }
 
-    /// Tracks the window of the keyframe at `at` in camera `k` from `to` on, at full resolution, as
-    /// `warp` turns it, which takes offsets now to offsets in the keyframe.
+    /// Tracks the window of the keyframe at `at` in camera `k` from `to` on, at full resolution.
+    /// `warp` takes offsets in the image now to offsets in the keyframe's image.
     pub(super) fn track_turned(
         &self,
         k: usize,

@@ -29,7 +29,7 @@ use crate::matching::stereo::StereoMatch;
 use crate::matching::zncc::ZnccPlane;
 use crate::matching::{Reject, RejectCounts};
 use crate::rigid;
-use consensus::{RigidConsensus, moved};
+use consensus::{RigidConsensus, rigid_consensus};
 use nalgebra::Vector3;
 use predictor::{Predictor, Surface};
 use trinocular_core::estimate::pose::{Estimate, Observation};
@@ -139,30 +139,32 @@ impl Flow {
         let matches: Vec<&StereoMatch> = keyframe.matches.iter().collect();
 
         // Windows turned by the pose so far, and the pose that most points agree on.
-        let slope = Surface::of(keyframe.matches);
+        let surface = Surface::of(keyframe.matches);
         let track_all = |pose: &Estimate| {
             let predictor = Predictor {
                 geometry,
                 pose,
-                slope,
+                surface,
             };
-            let track = |matched: &StereoMatch| predictor.track(&matcher, matched);
+            let track = |matched: &StereoMatch| {
+                let point = predictor.track(&matcher, matched)?;
+                self.unmasked(&keyframe.active.cameras, point)
+            };
             Tracks::of(keyframe, self.thread_pool.map(matches.clone(), track))
         };
         let mut tracks = track_all(&rough);
         self.enough(keyframe, &tracks)?;
         let start = rigid::motion(&geometry.arms, &tracks.observed(geometry));
         let mut found = start
-            .and_then(|start| RigidConsensus::of(geometry, &tracks, start, ROUGH_INLIER_PX))
+            .and_then(|start| rigid_consensus(geometry, &tracks, start, ROUGH_INLIER_PX))
             .ok_or_else(|| tracks.no_agreement(keyframe, 0, f64::NAN))?;
         for _ in 0..ROUNDS {
-            tracks = track_all(&found.pose);
+            tracks = track_all(&found.model);
             self.enough(keyframe, &tracks)?;
-            let pose = found.pose;
-            found = RigidConsensus::of(geometry, &tracks, pose, self.settings.min_inlier_px)
+            found = rigid_consensus(geometry, &tracks, found.model, self.settings.min_inlier_px)
                 .ok_or_else(|| tracks.no_agreement(keyframe, 0, f64::NAN))?;
         }
-        let agree = found.inliers.iter().filter(|is| **is).count();
+        let agree = found.count();
         if agree < self.settings.min_points
             || 2 * agree < tracks.expected(keyframe)
             || found.median_px > self.settings.max_median_residual_px
@@ -176,7 +178,7 @@ impl Flow {
     ///
     /// The displacement is searched in the image of the reference camera, which is turned back by
     /// one angle after another. Rotations about x and y change the image less, so that the search
-    /// needs no idea of them.
+    /// needs no prior for them.
     ///
     /// # Errors
     /// [`FlowRefusal::Lost`] if no angle explains the images, or the refusal at the first angle
@@ -279,19 +281,16 @@ fn turned_back(geometry: &RigGeometry, pyramid: &Pyramid, radians: f64) -> Pyram
 fn accepted(active: &ActiveCameras, tracks: Tracks, found: &RigidConsensus) -> PoseMeasurement {
     let geometry = &active.geometry;
     let mut rejected = tracks.rejected;
-    let mut inliers = Vec::new();
-    for (point, is_inlier) in tracks.points.into_iter().zip(&found.inliers) {
-        match is_inlier {
-            true => inliers.push(point),
-            false => rejected.add(Reject::Outlier),
-        }
+    for _ in found.outliers_of(&tracks.points) {
+        rejected.add(Reject::Outlier);
     }
-    let residuals = |inlier: &Correspondence| {
+    let inliers = found.inliers_of(tracks.points);
+    let inflation = VarianceInflation::of_residuals(geometry, &inliers, 6.0, |inlier| {
         let observed = Observation::new(&geometry.arms, &inlier.views)?;
         let [alpha, beta, rho] = observed.start;
-        let expected = moved(geometry, &found.pose, observed.start)?;
+        let expected = found.model.moved(&geometry.arms, observed.start)?;
         let arms = geometry.arms.arms_mm().iter().zip(&inlier.views);
-        let residual = |(arm, view): (&[f64; 2], &View)| {
+        let residual = move |(arm, view): (&[f64; 2], &View)| {
             let flow = view.flow();
             let start = [alpha - arm[0] * rho, beta - arm[1] * rho];
             let end = [
@@ -300,11 +299,10 @@ fn accepted(active: &ActiveCameras, tracks: Tracks, found: &RigidConsensus) -> P
             ];
             [0, 1].map(|axis| flow[axis] - (end[axis] - start[axis]))
         };
-        Some(arms.map(residual).collect())
-    };
-    let inflation = VarianceInflation::of_residuals(geometry, &inliers, residuals);
+        Some(arms.map(residual))
+    });
     PoseMeasurement {
-        pose: found.pose.inflated(inflation.of_windows()),
+        pose: found.model.inflated(inflation.of_windows),
         correspondences: inliers,
         cameras: active.cameras.clone(),
         refused_cameras: Vec::new(),

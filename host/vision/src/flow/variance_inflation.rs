@@ -16,9 +16,9 @@
 //! `ρ` is the least-squares fit of `E[R_i·R_j] = ρ s_ij E|R|²`; its standard deviation is
 //! `1/√Σ' s_ij²`. Two corrections:
 //!
-//! * The fit of three unknowns to `2N` sums has taken its part out of every product: `E[R_i·R_j]`
-//!   is smaller by `b = 3/2 w/N` of `E|R|²`, with `w = 1 + ρ Σ' s_ij/N` the inflation of the sum
-//!   over points. The equation for `ρ` stays linear.
+//! * The fit of `u` unknowns to `2N` sums (3 of a displacement, 6 of a pose) has taken its part out
+//!   of every product: `E[R_i·R_j]` is smaller by `b = u/2 w/N` of `E|R|²`, with
+//!   `w = 1 + ρ Σ' s_ij/N` the inflation of the sum over points. The equation for `ρ` stays linear.
 //! * Few pairs say little, so `ρ` has a prior of 1 with the weight of ten pairs of equal windows.
 //!
 //! [`with_common_error`] adds the error that all points share, which no residual shows.
@@ -55,8 +55,8 @@ pub struct VarianceInflation {
     pub window_overlap: f64,
     /// Factor that the residuals show.
     pub factor: f64,
-    /// Part of `factor` by errors that the cameras share.
-    own: f64,
+    /// Part of `factor` that overlapping windows have: `factor` if the cameras err independently.
+    pub of_windows: f64,
 }
 
 impl VarianceInflation {
@@ -66,21 +66,23 @@ impl VarianceInflation {
         inliers: &[Correspondence],
         displacement_mm: [f64; 3],
     ) -> Self {
-        Self::of_residuals(geometry, inliers, |inlier| {
+        Self::of_residuals(geometry, inliers, 3.0, |inlier| {
             let fit = geometry.arms.point(&inlier.views)?;
-            let residual = |(k, view): (usize, &View)| {
+            let residual = move |(k, view): (usize, &View)| {
                 let (seen, expected) = (view.flow(), fit.flow(k, displacement_mm));
                 [0, 1].map(|axis| seen[axis] - expected[axis])
             };
-            Some(inlier.views.iter().enumerate().map(residual).collect())
+            Some(inlier.views.iter().enumerate().map(residual))
         })
     }
 
-    /// Measures the inflation from the residuals of inliers in each camera, normalised.
-    pub fn of_residuals(
+    /// Measures the inflation from the residuals of inliers in each camera, normalised, against a
+    /// model with this number of fitted `unknowns`.
+    pub fn of_residuals<'a, I: Iterator<Item = [f64; 2]>>(
         geometry: &RigGeometry,
-        inliers: &[Correspondence],
-        residuals: impl Fn(&Correspondence) -> Option<Vec<[f64; 2]>>,
+        inliers: &'a [Correspondence],
+        unknowns: f64,
+        residuals: impl Fn(&'a Correspondence) -> Option<I>,
     ) -> Self {
         // Sum over cameras of each point's residuals, and the sum of all squares.
         let mut white = 0.0;
@@ -122,29 +124,25 @@ impl VarianceInflation {
             return Self {
                 window_overlap,
                 factor,
-                own: 1.0,
+                of_windows: factor,
             };
         }
 
-        // Least squares for ρ with its prior, corrected for the three fitted unknowns:
-        // squares ρ = products/(all/N) + 1.5/N (1 + ρ more) shared
-        let taken = 1.5 / count * shared;
+        // Least squares for ρ with its prior, corrected for the u fitted unknowns:
+        // squares ρ = products/(all/N) + u/2N (1 + ρ more) shared
+        let half = 0.5 * unknowns;
+        let taken = half / count * shared;
         let known = (squares - taken * more).max(0.0);
         let seen = products * count / all + taken;
         let [least, most] = CORRELATION;
         let correlation = ((seen + PRIOR * PRIOR_PAIRS) / (known + PRIOR_PAIRS)).clamp(least, most);
         let of_sum = 1.0 + correlation * more;
-        let own = all / white / (1.0 - 1.5 * of_sum / count).max(0.5);
+        let own = all / white / (1.0 - half * of_sum / count).max(0.5);
         Self {
             window_overlap,
             factor: own * of_sum,
-            own,
+            of_windows: of_sum,
         }
-    }
-
-    /// Returns the part of the factor by windows that overlap.
-    pub fn of_windows(&self) -> f64 {
-        self.factor / self.own
     }
 }
 

@@ -66,11 +66,8 @@ const LONG_STEP: f32 = 2.0;
 /// Least mean square gradient of a template in its weakest direction, (grey level / px)².
 const LEAST_GRADIENT: f32 = 0.25;
 
-/// Window that an image of a plane shows, as places of another image of it: the offset `d` from the
-/// centre shows the place at `linear d / (1 + shrink·d)` from there.
-///
-/// The projective part counts: on a surface tilted by 10 degrees, it moves the mean of a window by a
-/// hundredth of a pixel.
+/// Projective warp of a window: the offset `d` in the turned image is the place
+/// `linear d / (1 + shrink·d)` in this image, both from the window's centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlaneWarp {
     /// Linear part.
@@ -333,8 +330,8 @@ impl<const N: usize, const W: usize> NullaryFnOnce for ReadTurned<'_, N, W> {
                 ];
                 let [grey, along, down] = window::read_at(plane, place);
                 template.grey[row][column] = grey;
-                // The gradient by the offset in the other image; the projective part would change
-                // it by less than a hundredth.
+                // The gradient by the offset in the other image, without the projective part, which
+                // changes it little: it only guides the steps.
                 template.along[row][column] = a * along + c * down;
                 template.down[row][column] = b * along + d * down;
             }

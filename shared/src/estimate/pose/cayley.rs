@@ -33,8 +33,11 @@ pub(super) fn vector(omega: &Vector3<f64>) -> Vector3<f64> {
     factor * omega
 }
 
-/// Returns the derivative of the small rotation that follows the estimated one, rad, by `ω`: `2 (I
-/// + Ω) / (1 + n)`.
+/// Returns the derivative by `ω` of the small rotation after the estimated one, rad:
+///
+/// ```text
+/// 2 (I + Ω) / (1 + n)
+/// ```
 pub(super) fn derivative(omega: &Vector3<f64>) -> Matrix3<f64> {
     2.0 / (1.0 + omega.norm_squared()) * (Matrix3::identity() + omega.cross_matrix())
 }

@@ -108,6 +108,16 @@ impl Estimate {
         (Vector3::from(point_mm) + self.displacement(point_mm)).into()
     }
 
+    /// Returns where the pose puts a point that an [`Observation`] has at `start`, as its `end`
+    /// would be: direction and inverse depth about the mean camera. `None` if that is not in front
+    /// of the cameras.
+    pub fn moved(&self, geometry: &Geometry, start: [f64; 3]) -> Option<[f64; 3]> {
+        let [alpha, beta, rho] = start;
+        let [cx, cy] = geometry.centre_mm();
+        let [x, y, z] = self.apply([alpha / rho + cx, beta / rho + cy, 1.0 / rho]);
+        (z > 0.0).then(|| [(x - cx) / z, (y - cy) / z, 1.0 / z])
+    }
+
     fn displacement(&self, pivot_mm: [f64; 3]) -> Vector3<f64> {
         let omega = self.cayley();
         let arm = Vector3::from(pivot_mm) - Vector3::from(self.middle_mm);

@@ -5,7 +5,7 @@ use crate::sums::centred::Geometry;
 use libm::sqrt;
 
 /// Correlation of the misfits of both instants, in its standard deviations, above which the noise
-/// of both counts as common: chance exceeds it once in 16,000.
+/// of both counts as common: chance exceeds it once in 31,000.
 const SIGNIFICANT: f64 = 4.0;
 
 /// Largest correlation of both instants: with identical noise in both, points at rest would be
@@ -38,7 +38,7 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Independent noise with the standard deviation `sigma` at either instant.
+    /// Creates independent noise with the standard deviation `sigma` at either instant.
     pub fn independent(sigma: f64) -> Self {
         Self {
             start: sigma * sigma,
@@ -47,8 +47,8 @@ impl Noise {
         }
     }
 
-    /// Noise of points that were matched between the cameras at the keyframe with the standard
-    /// deviation `stereo`, and followed from there with `following`.
+    /// Creates the noise of points that were matched between the cameras at the keyframe with the
+    /// standard deviation `stereo`, and followed from there with `following`.
     pub fn followed(stereo: f64, following: f64) -> Self {
         Self {
             start: stereo * stereo,
@@ -104,7 +104,7 @@ impl Noise {
 pub(super) fn variance(scale: f64, freedom: f64, squares: f64, points: usize) -> f64 {
     let rest = 3.0 * points as f64 - 6.0;
     let pooled = (scale * freedom + squares) / (freedom + rest);
-    let chance = 1.0 + SIGNIFICANT * sqrt(2.0 / rest.max(1.0));
+    let chance = 1.0 + SIGNIFICANT * sqrt(2.0 / rest);
     if squares > chance * pooled * rest {
         return squares / rest;
     }

@@ -8,8 +8,8 @@ use nalgebra::Vector3;
 ///
 /// Cameras in a plane see a point at `ξ_k = (α, β) - ρ c_k`, with `c_k` the camera's position about
 /// the mean camera. This is linear in `a = (α, β, ρ) = (X/Z, Y/Z, 1/Z)`, so the fit of `a` to the
-/// `2 K` coordinates is a sufficient statistic. With the variance `σ²` of one coordinate, `S = Σ
-/// |c_k|²`:
+/// `2 K` coordinates is a sufficient statistic. With `σ²` the variance of one coordinate and
+/// `S = Σ |c_k|²`, its covariance is:
 ///
 /// ```text
 /// Cov(a) = σ² diag(1/K, 1/K, 1/S)

@@ -1,6 +1,5 @@
 //! Prediction of places and windows by a pose, for a surface of many points.
 
-use super::consensus::moved;
 use crate::flow::Correspondence;
 use crate::flow::temporal::TemporalMatcher;
 use crate::matching::Reject;
@@ -44,7 +43,7 @@ impl Surface {
 pub(super) struct Predictor<'a> {
     pub geometry: &'a RigGeometry,
     pub pose: &'a Estimate,
-    pub slope: Surface,
+    pub surface: Surface,
 }
 
 impl Predictor<'_> {
@@ -61,7 +60,7 @@ impl Predictor<'_> {
         for k in 0..cameras {
             let at = matched.pixels[k];
             let to = self.to(k, matched, at).ok_or(Reject::OutOfView)?;
-            let warp = self.warp(k, matched, at).ok_or(Reject::OutOfView)?;
+            let warp = self.warp(k, matched, to).ok_or(Reject::OutOfView)?;
             let found = matcher.track_turned(k, at, to, &warp)?;
             pixels.push([at, found]);
             views.push(View {
@@ -78,7 +77,7 @@ impl Predictor<'_> {
     fn to(&self, k: usize, matched: &StereoMatch, at: [f64; 2]) -> Option<[f64; 2]> {
         let arm = self.geometry.arms.arms_mm()[k];
         let ray = &matched.ray;
-        let slope = self.slope.slope(ray.direction, ray.inverse_depth);
+        let slope = self.surface.slope(ray.direction, ray.inverse_depth);
         // ρ = ρ0 + slope (α - α0) with α = ξ + ρ arm.
         let xi = self.geometry.normalise(k, at);
         let own = matched.normalised[k];
@@ -86,22 +85,23 @@ impl Predictor<'_> {
         let across: f64 = (0..2).map(|i| slope[i] * arm[i]).sum();
         let rho = ray.inverse_depth + along / (1.0 - across);
         let start = [xi[0] + rho * arm[0], xi[1] + rho * arm[1], rho];
-        let [alpha, beta, rho] = moved(self.geometry, self.pose, start)?;
+        let [alpha, beta, rho] = self.pose.moved(&self.geometry.arms, start)?;
         let end = [alpha - rho * arm[0], beta - rho * arm[1]];
         Some(self.geometry.pixel(k, end))
     }
 
-    /// Returns the window of the image now in the keyframe's image.
+    /// Returns the window of the image now, around the place `to` of a point, in the keyframe's
+    /// image.
     ///
     /// Offsets of the keyframe are moved by `J δ / (1 + q·δ)`, which four places around the point
     /// determine. The inverse is `J^-1 d / (1 - (q J^-1)·d)`.
-    fn warp(&self, k: usize, matched: &StereoMatch, at: [f64; 2]) -> Option<PlaneWarp> {
-        let centre = Vector2::from(self.to(k, matched, at)?);
+    fn warp(&self, k: usize, matched: &StereoMatch, to: [f64; 2]) -> Option<PlaneWarp> {
+        let centre = Vector2::from(to);
         let mut jacobian = Matrix2::zeros();
         let mut shrink = Vector2::zeros();
         for axis in 0..2 {
             let off = |sign: f64| {
-                let mut place = at;
+                let mut place = matched.pixels[k];
                 place[axis] += sign * STEP_PX;
                 Some(Vector2::from(self.to(k, matched, place)?) - centre)
             };

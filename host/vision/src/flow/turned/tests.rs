@@ -80,21 +80,48 @@ fn turns_about_every_axis_are_measured() {
     assert!((0.5..1.5).contains(&mean), "{all:?}");
 }
 
+fn flow_of(rig: &Rig) -> Flow {
+    Flow::new(rig, FlowSettings::default()).expect("the paper's rig")
+}
+
 #[test]
 fn measurement_without_keyframe_is_refused() {
     let rig = Rig::paper();
     let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default()).unwrap();
-    let mut flow = Flow::new(&rig, FlowSettings::default()).unwrap();
+    let mut flow = flow_of(&rig);
     let now = frame_set(&scene, [0.0; 3], [0.0; 3], 1);
     assert_eq!(flow.measure_pose(&now).err(), Some(FlowRefusal::NoKeyframe));
     assert_eq!(flow.keyframe_centroid_mm(), None);
-    // A turn beyond the search, and another poster.
-    flow.set_keyframe(&now).unwrap();
+}
+
+#[test]
+fn turn_beyond_search_is_lost() {
+    let rig = Rig::paper();
+    let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default()).unwrap();
+    let mut flow = flow_of(&rig);
+    flow.set_keyframe(&frame_set(&scene, [0.0; 3], [0.0; 3], 1))
+        .unwrap();
     let far = frame_set(&scene, [0.0; 3], [0.0, 0.0, 40.0], 2);
-    assert!(flow.measure_pose(&far).is_err());
-    let other = Scene::new(&rig, &Texture::natural(2), SceneSettings::default()).unwrap();
+    let refusal = flow.measure_pose(&far).err();
     assert!(
-        flow.measure_pose(&frame_set(&other, [0.0; 3], [0.0; 3], 3))
-            .is_err()
+        matches!(refusal, Some(FlowRefusal::Lost { .. })),
+        "{refusal:?}"
+    );
+}
+
+#[test]
+fn other_poster_is_lost() {
+    let rig = Rig::paper();
+    let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default()).unwrap();
+    let mut flow = flow_of(&rig);
+    flow.set_keyframe(&frame_set(&scene, [0.0; 3], [0.0; 3], 1))
+        .unwrap();
+    let other = Scene::new(&rig, &Texture::natural(2), SceneSettings::default()).unwrap();
+    let refusal = flow
+        .measure_pose(&frame_set(&other, [0.0; 3], [0.0; 3], 3))
+        .err();
+    assert!(
+        matches!(refusal, Some(FlowRefusal::Lost { .. })),
+        "{refusal:?}"
     );
 }
