@@ -144,7 +144,9 @@ fn open(options: &FlowOptions) -> Result<(RigFile, Vec<FrameSet>), Failure> {
     if let (Some(path), Some(rig)) = (&options.rig, &rig) {
         super::warnings::rig(path, rig);
     }
-    if is_recording(&options.folder) {
+    let is_recorded = is_recording(&options.folder);
+    options.pair.goes_with(!is_recorded, "a folder")?;
+    if is_recorded {
         let Rigged { frames, rig } = options.recording.open(&options.folder, rig)?;
         let sets = recorded(options, &frames, &rig)?;
         return Ok((rig, sets));

@@ -4,7 +4,6 @@ use super::json;
 use super::progress::Progress;
 use crate::commands::failure::Failure;
 use clap::Args;
-use std::cell::RefCell;
 use std::io::Write;
 use trinocular::pose_study::{present, row};
 
@@ -43,10 +42,8 @@ Examples:
 
 /// Runs the command.
 pub fn run(options: &PoseBenchOptions, out: &mut impl Write) -> Result<(), Failure> {
-    let progress = RefCell::new(Progress::new("estimating"));
-    let rows = row::all(options.trials as usize, |share| {
-        progress.borrow_mut().at(share)
-    });
+    let mut progress = Progress::new("estimating");
+    let rows = row::all(options.trials as usize, |share| progress.at(share));
     drop(progress);
     let rows = rows.map_err(|refusal| Failure::Images(refusal.to_string()))?;
     if options.json {

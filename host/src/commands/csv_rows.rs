@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use serde_json::Value;
 
 use super::json;
+use trinocular::scenario::csv::quoted;
 
 /// Column: its name, and the way to the value in the object, as a JSON pointer.
 pub type Column = (&'static str, &'static str);
@@ -59,10 +60,7 @@ fn text(value: &Value) -> String {
         Value::Array(items) => items.iter().map(plain).collect::<Vec<_>>().join("; "),
         other => plain(other),
     };
-    match text.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", text.replace('"', "\"\"")),
-        false => text,
-    }
+    quoted(&text)
 }
 
 #[cfg(test)]

@@ -192,6 +192,9 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
         exposure: Vec::new(),
         absent: Vec::new(),
     };
+    let is_folder = options.input.is_dir() && !is_recording(&options.input);
+    options.pair.goes_with(is_folder, "a folder")?;
+    options.region.goes_with(!is_points, "images")?;
     if is_recording(&options.input) {
         let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;
         method.check(&options.input, &rig)?;
@@ -296,9 +299,7 @@ fn run_captures<W: Write>(
                 continue;
             }
         };
-        exposures.warn(&capture);
-        printer.exposure = exposures.remarks(&capture);
-        printer.warnings = printer.exposure.clone();
+        printer.exposure = exposures.note(&capture);
         // A bad keyframe spoils every frame measured against it; they share its reason.
         let seen = match &reference {
             Ok(()) => Seen::of(options, &mut flow, &rig.rig, &capture, printer.method),
@@ -368,16 +369,13 @@ impl Seen {
 
 fn estimate(method: Method, sums: &Sums) -> Result<Solution, Refusal> {
     let estimates = sums.estimates();
-    let midpoint = match method {
-        Method::Midpoint => Some(estimates.midpoint?),
-        Method::ClosedForm | Method::LeastSquares => None,
-    };
-    let displacement_mm = match method {
-        Method::Midpoint => midpoint
-            .as_ref()
-            .map_or([f64::NAN; 3], |m| m.displacement_mm),
-        Method::ClosedForm => estimates.closed_form?,
-        Method::LeastSquares => estimates.least_squares?,
+    let (displacement_mm, midpoint) = match method {
+        Method::Midpoint => {
+            let midpoint = estimates.midpoint?;
+            (midpoint.displacement_mm, Some(midpoint))
+        }
+        Method::ClosedForm => (estimates.closed_form?, None),
+        Method::LeastSquares => (estimates.least_squares?, None),
     };
     Ok(Solution {
         displacement_mm,

@@ -22,21 +22,18 @@ impl Exposures {
         }
     }
 
-    /// Returns a sentence for each badly exposed image of the frame set.
-    pub fn remarks(&self, frame_set: &FrameSet) -> Vec<String> {
-        let faults = faults(frame_set).into_iter();
-        faults
-            .map(|(camera, fault)| self.sentence(camera, fault))
-            .collect()
-    }
-
-    /// Prints a warning for each camera and kind of fault once: exposures rarely mend themselves.
-    pub fn warn(&mut self, frame_set: &FrameSet) {
+    /// Returns a sentence for each badly exposed image of the frame set. Prints a warning for each
+    /// camera and kind of fault once: exposures rarely mend themselves.
+    pub fn note(&mut self, frame_set: &FrameSet) -> Vec<String> {
+        let mut sentences = Vec::new();
         for (camera, fault) in faults(frame_set) {
+            let sentence = self.sentence(camera, fault);
             if self.said.insert((camera, discriminant(&fault))) {
-                notice!("warning: {}", self.sentence(camera, fault));
+                notice!("warning: {sentence}");
             }
+            sentences.push(sentence);
         }
+        sentences
     }
 
     fn sentence(&self, camera: usize, fault: ExposureFault) -> String {

@@ -4,6 +4,7 @@ use clap::{Args, ValueEnum};
 use std::path::Path;
 
 use super::warnings;
+use crate::commands::failure::Failure;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
@@ -42,6 +43,14 @@ impl PairOption {
             PairBy::Order => Rule::Order,
             PairBy::Time => Rule::Time,
         })
+    }
+
+    /// Refuses a rule without a folder: `is_there` tells that there is one, `with` names it.
+    pub fn goes_with(&self, is_there: bool, with: &str) -> Result<(), Failure> {
+        match self.pair.is_some() && !is_there {
+            true => Err(Failure::Usage(format!("--pair goes with {with}"))),
+            false => Ok(()),
+        }
     }
 
     /// Opens the frame sets in `dir`, 30 per second, and prints how they were paired and scaled.

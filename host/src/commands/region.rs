@@ -26,11 +26,13 @@ pub struct RegionOption {
     mask: Vec<(Option<String>, PathBuf)>,
 }
 
-/// Splits the camera's name from a value.
+/// Splits the camera's name from a value. A path may have an equals sign of its own.
 fn of_camera(text: &str) -> (Option<String>, &str) {
     match text.split_once('=') {
-        Some((camera, value)) => (Some(camera.to_owned()), value),
-        None => (None, text),
+        Some((camera, value)) if !camera.contains(std::path::is_separator) => {
+            (Some(camera.to_owned()), value)
+        }
+        _ => (None, text),
     }
 }
 
@@ -59,7 +61,9 @@ fn mask(text: &str) -> Result<(Option<String>, PathBuf), String> {
 impl RegionOption {
     /// Returns the regions of the rig's cameras. A region of one camera replaces that of all.
     pub fn regions(&self, rig: &RigFile) -> Result<Regions, Failure> {
-        let usage = |reason: String| Failure::Usage(reason);
+        if self.roi.is_empty() && self.mask.is_empty() {
+            return Ok(Regions::default());
+        }
         let mut regions = vec![Region::default(); rig.names.len()];
         let [width, height] = rig.rig.image_size_px;
         let chosen = |camera: &Option<String>, option: &str| match camera {
@@ -68,7 +72,7 @@ impl RegionOption {
                 let index = rig.names.iter().position(|name| name == camera);
                 index.map(|index| vec![index]).ok_or_else(|| {
                     let names = rig.names.join(", ");
-                    usage(format!(
+                    Failure::Usage(format!(
                         "--{option} {camera}: the rig's cameras are {names}"
                     ))
                 })
@@ -83,7 +87,7 @@ impl RegionOption {
                 at.checked_add(length).is_some_and(|end| end <= side)
             };
             if !(fits(x, w, width) && fits(y, h, height)) {
-                return Err(usage(format!(
+                return Err(Failure::Usage(format!(
                     "--roi {x},{y},{w},{h} reaches beyond the image of {width} x {height} px"
                 )));
             }
@@ -94,19 +98,24 @@ impl RegionOption {
         let mut masks: Vec<_> = self.mask.iter().collect();
         masks.sort_by_key(|(camera, _)| camera.is_some());
         for (camera, path) in masks {
+            let indices = chosen(camera, "mask")?;
             let image = Arc::new(folder::read(path, rig.rig.image_size_px)?);
-            for index in chosen(camera, "mask")? {
+            for index in indices {
                 regions[index].mask = Some(Arc::clone(&image));
             }
         }
-        match regions.iter().all(|region| *region == Region::default()) {
-            true => Ok(Regions::default()),
-            false => Ok(Regions(regions)),
-        }
+        Ok(Regions(regions))
     }
 
-    /// Returns true if a region was given.
-    pub fn is_given(&self) -> bool {
-        !self.roi.is_empty() || !self.mask.is_empty()
+    /// Refuses a region without images: `is_there` tells that there are some, `with` names them.
+    pub fn goes_with(&self, is_there: bool, with: &str) -> Result<(), Failure> {
+        let given = [("roi", self.roi.is_empty()), ("mask", self.mask.is_empty())];
+        match given
+            .into_iter()
+            .find(|(_, is_empty)| !is_empty && !is_there)
+        {
+            Some((option, _)) => Err(Failure::Usage(format!("--{option} goes with {with}"))),
+            None => Ok(()),
+        }
     }
 }

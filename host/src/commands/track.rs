@@ -420,16 +420,9 @@ pub fn run(options: &TrackOptions, out: &mut impl Write) -> Result<(), Failure> 
         .images
         .as_deref()
         .is_some_and(|path| !is_recording(path));
-    let has_region = options.region.is_given();
-    let is_outside = !source.sim;
-    goes_with(
-        "roi",
-        has_region,
-        "--images, --watch and --cameras",
-        is_outside,
-    )?;
-    let has_rule = options.pair.rule().is_some();
-    goes_with("pair", has_rule, "--images and a folder", is_folder)?;
+    let regions_with = "--images, --watch and --cameras";
+    options.region.goes_with(!source.sim, regions_with)?;
+    options.pair.goes_with(is_folder, "--images and a folder")?;
     goes_with(
         "idle",
         options.idle.is_some(),

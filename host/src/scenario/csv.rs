@@ -30,7 +30,7 @@ fn row(text: &mut String, name: &str, sample: &Sample) {
 }
 
 /// Quotes a field if it needs that (RFC 4180).
-fn quoted(field: &str) -> String {
+pub fn quoted(field: &str) -> String {
     match field.contains([',', '"', '\n', '\r']) {
         true => format!("\"{}\"", field.replace('"', "\"\"")),
         false => field.to_owned(),

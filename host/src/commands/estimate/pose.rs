@@ -210,7 +210,7 @@ impl PoseOptions {
                     ..solution
                 })
             }
-            (Use::Refused | Use::Warned, Ok((pose, _))) if !is_doubtful && is_turned(&pose) => {
+            (Use::Refused | Use::Warned, Ok((pose, _))) if is_turned(&pose) => {
                 let angle = angle_deg(&pose);
                 let reason = format!("the target turns by {angle:.2} degrees");
                 if used == Use::Refused {

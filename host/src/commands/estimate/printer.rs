@@ -99,9 +99,9 @@ pub(super) struct Printer<'a, W> {
     pub refused: usize,
     /// True for a points file, whose warnings name their line.
     pub is_points: bool,
-    /// Warnings about the next displacement.
+    /// Warnings about the next displacement, which are printed with it.
     pub warnings: Vec<String>,
-    /// Those of the warnings that are printed once per camera rather than per frame.
+    /// Warnings of its exposure, which were printed once per camera.
     pub exposure: Vec<String>,
     /// Names of the cameras that take no part in the next displacement.
     pub absent: Vec<String>,
@@ -118,9 +118,16 @@ impl<W: Write> Printer<'_, W> {
         match solution.and_then(Solution::finite) {
             Ok(solution) => {
                 let rejected = rejected + count - solution.points;
-                let warnings = std::mem::take(&mut self.warnings);
+                let frame = self.frames + 1;
+                for warning in &self.warnings {
+                    match self.is_points {
+                        true => notice!("warning: {warning}"),
+                        false => notice!("frame {frame}: {warning}"),
+                    }
+                }
+                let warnings = self.take_warnings();
                 self.displacement(&Displacement {
-                    frame: self.frames + 1,
+                    frame,
                     displacement_mm: solution.displacement_mm,
                     sigma_mm: solution.sigma_mm,
                     covariance_mm2: solution.covariance_mm2,
@@ -133,7 +140,7 @@ impl<W: Write> Printer<'_, W> {
             }
             Err(reason) => {
                 let mut reason = format!("{reason} ({count} points, {rejected} rejected)");
-                for warning in std::mem::take(&mut self.warnings) {
+                for warning in self.take_warnings() {
                     reason = format!("{reason}; {warning}");
                 }
                 self.refusal(reason)
@@ -141,19 +148,15 @@ impl<W: Write> Printer<'_, W> {
         }
     }
 
+    /// Takes all warnings about the next row.
+    fn take_warnings(&mut self) -> Vec<String> {
+        let mut all = std::mem::take(&mut self.exposure);
+        all.append(&mut self.warnings);
+        all
+    }
+
     fn displacement(&mut self, line: &Displacement) -> Result<(), Failure> {
         self.frames += 1;
-        let once = &self.exposure;
-        for warning in line
-            .warnings
-            .iter()
-            .filter(|warning| !once.contains(warning))
-        {
-            match self.is_points {
-                true => notice!("warning: {warning}"),
-                false => notice!("frame {}: {warning}", line.frame),
-            }
-        }
         if self.options.json || self.options.csv {
             return self.object(line);
         }
@@ -191,7 +194,7 @@ impl<W: Write> Printer<'_, W> {
         self.frames += 1;
         self.refused += 1;
         let frame = self.frames;
-        let warnings = std::mem::take(&mut self.warnings);
+        let warnings = self.take_warnings();
         if self.options.json || self.options.csv {
             return self.object(&Refused {
                 frame,

@@ -8,7 +8,6 @@ use crate::commands::failure::Failure;
 use crate::commands::progress::{Count, StatusLine};
 use crate::commands::{csv_rows, json};
 use serde_json::json;
-use std::cell::RefCell;
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
@@ -59,7 +58,7 @@ pub struct Captures<'a> {
     is_live: bool,
     absences: Absences,
     exposures: Exposures,
-    drops: RefCell<Option<LiveDrops<'a>>>,
+    drops: Option<LiveDrops<'a>>,
     tap: Option<Arc<Tap>>,
     page: Option<TrackPage>,
 }
@@ -73,8 +72,8 @@ impl<'a> Captures<'a> {
     }
 
     /// Writes in each row the number of images so far that never came to the loop.
-    pub fn tell_drops(&self, count: impl Fn() -> u64 + 'a) {
-        self.drops.replace(Some(LiveDrops(Box::new(count))));
+    pub fn tell_drops(&mut self, count: impl Fn() -> u64 + 'a) {
+        self.drops = Some(LiveDrops(Box::new(count)));
     }
 
     /// Starts the station: configured, its position zero. `now_us` is the clock of the frame set
@@ -129,7 +128,7 @@ impl<'a> Captures<'a> {
             is_live: now_us.is_some(),
             absences: Absences::new(&rig.names),
             exposures: Exposures::new(&rig.names),
-            drops: RefCell::new(None),
+            drops: None,
             tap,
         })
     }
@@ -213,10 +212,10 @@ impl<'a> Captures<'a> {
                 summary.frames += 1;
                 summary.refused += usize::from(!followed.turn.outcome.is_used());
                 self.absences.warn(&followed.turn.absent);
-                self.exposures.warn(&capture);
+                let exposure = self.exposures.note(&capture);
                 match &mut line {
                     Some(line) if self.is_live => line.show(|rate| status(&followed, rate)),
-                    _ => self.print(summary.frames, &followed, &capture, out)?,
+                    _ => self.print(summary.frames, &followed, exposure, out)?,
                 }
                 count.at(summary.frames);
             }
@@ -227,12 +226,12 @@ impl<'a> Captures<'a> {
         }
     }
 
-    /// Prints the row of a frame set.
+    /// Prints the row of a frame set, with sentences about its exposure.
     fn print(
         &self,
         frame: usize,
         followed: &Followed,
-        capture: &FrameSet,
+        exposure: Vec<String>,
         out: &mut impl Write,
     ) -> Result<(), Failure> {
         let Followed {
@@ -250,9 +249,9 @@ impl<'a> Captures<'a> {
             let mut object =
                 json!({"frame": frame, "time_s": time_s, "stage_mm": stage_mm, "trust": trust});
             self.absences.note(absent, &mut object);
-            add_warnings(&mut object, self.exposures.remarks(capture));
+            add_warnings(&mut object, exposure);
             add_outcome(&mut object, outcome);
-            if let Some(LiveDrops(count)) = &*self.drops.borrow() {
+            if let Some(LiveDrops(count)) = &self.drops {
                 object["drops"] = json!(count());
             }
             if self.options.json {

@@ -73,7 +73,7 @@ fn follow(
         stage: Some(stage.clone()),
         ..rig.clone()
     })?;
-    let captures = Captures::new(
+    let mut captures = Captures::new(
         options,
         rig,
         (&stage, mounting),
