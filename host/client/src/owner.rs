@@ -23,9 +23,9 @@ mod system;
 
 pub(crate) use system::{Listener, Stream};
 
-use crate::serial::Holder;
+use crate::serial::{Holder, TCP};
 use std::io::{self, Read, Write};
-use std::net::{SocketAddr, ToSocketAddrs as _};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use trinocular_rig::printable::printable;
@@ -161,7 +161,7 @@ pub fn this_program() -> Holder {
 
 /// Returns the place of the socket of a port's owner.
 pub(crate) fn socket(port: &str) -> io::Result<PathBuf> {
-    let real = match port.strip_prefix("tcp://") {
+    let real = match port.strip_prefix(TCP) {
         Some(address) => tcp_name(address),
         None => Path::new(port)
             .canonicalize()
@@ -176,21 +176,19 @@ pub(crate) fn socket(port: &str) -> io::Result<PathBuf> {
     Ok(folder()?.join(format!("{last}-{:016x}", fnv(real.as_bytes()))))
 }
 
-/// Returns one name for all spellings of a TCP address: `localhost`, `127.0.0.1` and `0.0.0.0` lead
-/// to the same station. An address that cannot be resolved keeps its spelling.
+/// Returns one name for the spellings of an address of this computer: `localhost`, `127.0.0.1`,
+/// `::1` and `0.0.0.0` lead to the same station. Other addresses keep their spelling: a name is not
+/// resolved, because a stop must not wait for that.
 fn tcp_name(address: &str) -> String {
-    let resolved = address.to_socket_addrs().map(Iterator::collect::<Vec<_>>);
-    let addresses = resolved.unwrap_or_default();
-    let is_here =
-        |address: &SocketAddr| address.ip().is_loopback() || address.ip().is_unspecified();
-    match addresses
-        .iter()
-        .find(|address| is_here(address))
-        .or(addresses.iter().min())
-    {
-        Some(address) if is_here(address) => format!("tcp://localhost:{}", address.port()),
-        Some(address) => format!("tcp://{address}"),
-        None => format!("tcp://{address}"),
+    let (host, port) = address.rsplit_once(':').unwrap_or((address, ""));
+    let ip: Option<IpAddr> = host.trim_matches(['[', ']']).parse().ok();
+    let is_here = host.eq_ignore_ascii_case("localhost")
+        || ip.is_some_and(|ip| {
+            ip == Ipv4Addr::LOCALHOST || ip == Ipv6Addr::LOCALHOST || ip.is_unspecified()
+        });
+    match port.parse::<u16>() {
+        Ok(port) if is_here => format!("{TCP}localhost:{port}"),
+        _ => format!("{TCP}{address}"),
     }
 }
 

@@ -21,6 +21,7 @@ mod sharing;
 mod stop;
 
 pub use busy::{Holder, OtherHost, end_other_host};
+pub(crate) use port::TCP;
 pub use sharing::Access;
 pub use stop::{Ending, Stopper, ending};
 

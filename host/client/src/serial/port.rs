@@ -19,7 +19,7 @@ const CONNECT_PATIENCE: Duration = Duration::from_secs(2);
 const FULL: Duration = Duration::from_millis(1);
 
 /// Beginning of the name of a port that is reached by TCP.
-pub(super) const TCP: &str = "tcp://";
+pub(crate) const TCP: &str = "tcp://";
 
 /// One half of a link.
 pub(super) enum Half {
