@@ -145,7 +145,7 @@ fn removed_recording_is_no_success() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn full_disk_ends_the_recording_on_the_page() {
+fn failed_write_ends_recording_on_page() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let place = folder.path().to_str().expect("a name in UTF-8");
     let words = ["--recordings", place, "--seconds", "12"];

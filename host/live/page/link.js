@@ -72,19 +72,23 @@ export class Link {
     return true;
   }
 
-  // Asks for an action; resolves to null, or to the reason why it was not done. An answer may take
-  // this time.
+  // Asks for an action; resolves to null, or to the reason why it was not done. Without an answer
+  // it resolves to such a reason after `patienceMs`.
   do(action, patienceMs = 5000) {
     return new Promise((resolve) => {
       const id = ++this.count;
-      this.waiting.set(id, resolve);
-      setTimeout(() => {
-        if (this.waiting.delete(id)) resolve("the program does not answer");
-      }, patienceMs);
       if (!this.send({ do: action, id })) {
-        this.waiting.delete(id);
         resolve("not connected");
+        return;
       }
+      const timer = setTimeout(() => {
+        this.waiting.delete(id);
+        resolve("the program does not answer");
+      }, patienceMs);
+      this.waiting.set(id, (error) => {
+        clearTimeout(timer);
+        resolve(error);
+      });
     });
   }
 }

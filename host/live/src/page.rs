@@ -181,7 +181,7 @@ impl Page {
                 r#do: IgnoredAny,
                 id,
             } => {
-                let error = "there is no such action, or it has other fields".to_owned();
+                let error = "unknown action, field or value".to_owned();
                 self.answer(id, Some(error)).await
             }
             Request::Do { r#do: action, id } => {
