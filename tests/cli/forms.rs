@@ -341,6 +341,7 @@ fn videos_come_through_pipes() {
     let outcome = run(desk.folder.path(), &arguments);
     writer.join().expect("the pipes were read");
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    assert_eq!(outcome.json().len(), MOVES_MM.len() - 1);
     for (line, moved) in outcome.json().iter().zip(&MOVES_MM[1..]) {
         let found = vector(line, "displacement_mm");
         assert!((found[0] - moved[0]).abs() < 0.05, "{line}");

@@ -185,9 +185,24 @@ fn turned_target_is_refused_on_demand() {
     let reason = reason.expect("a reason");
     assert!(reason.contains("turns by 9.7"), "{reason}");
     assert!(reason.contains("--rotation estimate"), "{reason}");
-    // A method without rotation says so.
-    let outcome = desk.estimate(&["--json", "--method", "closed-form"]);
-    outcome.failed(1, &["closed-form"]);
+    // A row that does not fit changes nothing.
+    let text = desk.read("points.csv");
+    let row = text.lines().nth(1).expect("a row");
+    let (start, y1) = row.rsplit_once(',').expect("columns");
+    let y1: f64 = y1.parse().expect("a number");
+    desk.write(
+        "points.csv",
+        text.replace(row, &format!("{start},{}", y1 + 6.0)),
+    );
+    let outcome = desk.estimate(&["--json", "--rotation", "refuse"]);
+    assert_eq!(
+        outcome.code,
+        Some(1),
+        "{}{}",
+        outcome.stdout,
+        outcome.stderr
+    );
+    // A method without rotation warns.
     let desk = desk_of(&case("16"));
     let outcome = desk.estimate(&["--json", "--method", "midpoint"]);
     assert_eq!(outcome.code, Some(0));

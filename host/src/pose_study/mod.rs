@@ -2,7 +2,7 @@
 //! alignment of triangulated points (Kabsch) against the Cramér-Rao bound.
 //!
 //! * [`scene`] holds the targets and their motion;
-//! * [`kabsch`] is the comparison: what a program does that triangulates first;
+//! * [`kabsch`] aligns triangulated points, for comparison;
 //! * [`bound`] is the least error of any unbiased estimator;
 //! * [`trial`] estimates once, [`row`] many times;
 //! * [`present`] prints.

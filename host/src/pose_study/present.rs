@@ -41,7 +41,7 @@ pub fn table(rows: &[Row]) -> Table {
         })
 }
 
-/// Returns the ranges of all rows in two lines.
+/// Returns the ranges of all rows in three lines.
 pub fn summary(rows: &[Row]) -> String {
     let range = |of: &dyn Fn(&Row) -> [f64; 2], half: usize| {
         let values = || rows.iter().map(|row| of(row)[half]);

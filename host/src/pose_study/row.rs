@@ -163,7 +163,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pose_keeps_claims_where_kabsch_pays() {
+    fn pose_errors_are_near_bound() {
         let mut random = Random::seeded(3);
         for target in TARGETS {
             let row = Row::run(target, 100, 0.05, 20.0, 200, &mut random).expect("100 points");

@@ -58,7 +58,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Rotation by `degrees` about a slanted axis, and [`MOVED_MM`].
+    /// Creates a rotation by `degrees` about a slanted axis, with the displacement [`MOVED_MM`].
     pub fn slanted(degrees: f64) -> Self {
         let axis = Vector3::new(1.0, 1.0, 1.0).normalize();
         Self {

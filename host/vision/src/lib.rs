@@ -31,6 +31,7 @@ pub mod hand_eye;
 pub mod images;
 pub mod matching;
 pub mod measure;
+mod median;
 pub mod points;
 mod rigid;
 pub mod stage_timings;

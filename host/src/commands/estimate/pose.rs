@@ -31,7 +31,7 @@ pub struct PoseOptions {
     ///
     /// Without this option the rotation of a points CSV is estimated if the points determine it,
     /// unless --method is given; a turn then is a warning. Images whose target turns are refused,
-    /// unless `estimate` is given: it measures turns to 15 degrees between two images.
+    /// unless `estimate` is given: it measures turns of up to 12 degrees between two images.
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
 

@@ -6,6 +6,7 @@
 
 use super::board::Board;
 use crate::images::Image;
+use crate::median::median;
 
 /// Share of a square that is sampled on either side of an edge.
 const REACH: f64 = 0.3;
@@ -79,14 +80,4 @@ fn grey(image: &Image, at: [f64; 2]) -> f64 {
     let upper = (1.0 - fx) * level(0, 0) + fx * level(1, 0);
     let lower = (1.0 - fx) * level(0, 1) + fx * level(1, 1);
     (1.0 - fy) * upper + fy * lower
-}
-
-/// Returns the median, or 0 if there are no values.
-pub fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    match values.len() {
-        0 => 0.0,
-        n if n % 2 == 1 => values[n / 2],
-        n => (values[n / 2 - 1] + values[n / 2]) / 2.0,
-    }
 }

@@ -16,12 +16,12 @@
 use nalgebra::{DMatrix, Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::adjust::{BoardImage, BoardView, Bundle, Unsolved};
-use super::blur::median;
 use super::board::Board;
 use super::find::FoundBoard;
 use super::homography;
 use super::lens::{Lens, NAMES, PARAMETERS};
 use super::rejection::ImageRejection;
+use crate::median::median;
 use trinocular_rig::rig_file::can_undistort;
 
 /// Least number of images that determines nine parameters and leaves a test of them.

@@ -13,11 +13,11 @@
 //!
 //! The result is expressed in axes of its own ([`super::stand`]).
 
+use crate::median::median;
 use nalgebra::{DMatrix, Isometry3, UnitQuaternion, Vector3};
 use trinocular_core::rig::{MAX_CAMERAS, Rig};
 
 use super::adjust::{BoardImage, BoardView, Bundle, PER_CAMERA, Unsolved, moved};
-use super::blur::median;
 use super::board::Board;
 use super::intrinsics::pose;
 use super::lens::{Lens, PARAMETERS};
@@ -26,6 +26,8 @@ use super::stand::{CameraPose, numbers, stands};
 
 /// Residual that rejects no instant, px.
 const HARMLESS_PX: f64 = 0.02;
+/// Largest number of instants that decide on the roll of a camera.
+const MOST_ROLL_INSTANTS: usize = 100;
 /// Least number of instants for a rig.
 pub const LEAST_INSTANTS: usize = 3;
 
@@ -224,17 +226,7 @@ fn sightings(
     let cameras = eyes.iter().zip(rolls_rad).zip(instant);
     for (camera, ((eye, roll_rad), corners)) in cameras.enumerate() {
         let Some(corners) = corners else { continue };
-        let turned = board.symmetries().iter().filter_map(|quarters| {
-            let mut named = corners.clone();
-            for (index, at) in corners.iter().enumerate() {
-                named[board.turned(index, *quarters)] = *at;
-            }
-            Some(Sighting {
-                camera,
-                pose: pose(board, &eye.lens, &named)?,
-                corners: named,
-            })
-        });
+        let turned = candidates(board, camera, eye, corners);
         let angle = |sighting: &Sighting| match all.first() {
             Some(first) => {
                 let roll = rolled(roll_rad - rolls_rad[first.camera]);
@@ -247,6 +239,26 @@ fn sightings(
         all.extend(best);
     }
     all
+}
+
+/// Computes a camera's sighting with each numbering of the corners that the board's symmetry allows.
+fn candidates(
+    board: &Board,
+    camera: usize,
+    eye: &RigCamera,
+    corners: &[[f64; 2]],
+) -> impl Iterator<Item = Sighting> {
+    board.symmetries().iter().filter_map(move |quarters| {
+        let mut named = corners.to_vec();
+        for (index, at) in corners.iter().enumerate() {
+            named[board.turned(index, *quarters)] = *at;
+        }
+        Some(Sighting {
+            camera,
+            pose: pose(board, &eye.lens, &named)?,
+            corners: named,
+        })
+    })
 }
 
 /// Returns a rotation about the optical axis.
@@ -265,16 +277,30 @@ fn rolls(board: &Board, eyes: &[RigCamera], reference: usize, instants: &[Instan
     }
     for camera in (0..eyes.len()).filter(|camera| *camera != reference) {
         let pair = [camera.min(reference), camera.max(reference)];
+        let both = instants.iter().filter_map(|instant| {
+            let [first, second] = pair.map(|k| instant[k].as_deref());
+            Some([first?, second?])
+        });
+        let both: Vec<[&[[f64; 2]]; 2]> = both.collect();
+        let stride = both.len().div_ceil(MOST_ROLL_INSTANTS).max(1);
+        // The rotation of the first camera, and all that the second may have.
+        let seen = both.into_iter().step_by(stride).filter_map(|corners| {
+            let rotations = |i: usize| {
+                let found = candidates(board, pair[i], &eyes[pair[i]], corners[i]);
+                found.map(|sighting| sighting.pose.rotation).collect()
+            };
+            let [first, second]: [Vec<UnitQuaternion<f64>>; 2] = [rotations(0), rotations(1)];
+            Some((*first.first()?, second))
+        });
+        let seen: Vec<(UnitQuaternion<f64>, Vec<UnitQuaternion<f64>>)> = seen.collect();
         let scatter_rad = |eighths: u32| {
-            let mut trial = vec![0.0; eyes.len()];
-            trial[camera] = f64::from(eighths) * std::f64::consts::FRAC_PI_4;
-            let relative = instants.iter().filter_map(|instant| {
-                let of_pair = |k: usize| instant[k].clone().filter(|_| pair.contains(&k));
-                let instant: Instant = (0..instant.len()).map(of_pair).collect();
-                match sightings(board, eyes, &trial, &instant).as_slice() {
-                    [a, b] => Some(b.pose.rotation * a.pose.rotation.inverse()),
-                    _ => None,
-                }
+            let sign = if pair[1] == camera { 1.0 } else { -1.0 };
+            let roll = rolled(sign * f64::from(eighths) * std::f64::consts::FRAC_PI_4);
+            let relative = seen.iter().filter_map(|(first, second)| {
+                let expected = roll * first;
+                let angle = |rotation: &&UnitQuaternion<f64>| rotation.angle_to(&expected);
+                let best = second.iter().min_by(|a, b| angle(a).total_cmp(&angle(b)))?;
+                Some(best * first.inverse())
             });
             let relative: Vec<UnitQuaternion<f64>> = relative.collect();
             let from_others = |one: &UnitQuaternion<f64>| {

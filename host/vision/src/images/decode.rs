@@ -246,9 +246,8 @@ impl Judge {
         let pixels = u64::from(width) * u64::from(height);
         // A page of a stack is read piece by piece.
         let file = self.length.min(LARGEST_FILE);
+        // Colour of 16 bits becomes grey of 16 bits first.
         let grey = match decoder.color_type() {
-            // The decoder's output is the grey image.
-            ColorType::L16 => pixels,
             ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => 3 * pixels,
             _ => pixels,
         };

@@ -10,8 +10,8 @@
 //! that the frame sets use, all images of a frame set alike. Images in other formats are named
 //! once and skipped; hidden files and all others are skipped. A name of an image that is not a file
 //! (a pipe, a folder, a dangling link) is an unreadable image. Colour is converted to grey by its
-//! luminance. Frame sets come in the order of their names, in which numbers count as numbers: `view9.png` comes before
-//! `view10.png`.
+//! luminance. Frame sets come in the order of their names, in which numbers count as numbers:
+//! `view9.png` comes before `view10.png`.
 //!
 //! A camera may lack some files, for instance after it failed while the others went on; its images
 //! are then [`Image::missing`]. [`Folder::complete`] requires all files.
@@ -23,6 +23,7 @@ use std::path::{Path, PathBuf};
 use image::{ExtendedColorType, ImageFormat};
 
 use super::decode::Picture;
+use super::exposure::{ExposureFault, MOST_SATURATED};
 use super::series::layout::{self, Found};
 use super::series::pairing::{self, Pairing, Rule};
 use super::series::{Images, Series, Still};
@@ -275,11 +276,9 @@ impl Folder {
         for (camera, view) in views.iter().enumerate() {
             let share = view.saturated(self.depth_bits);
             if share > MOST_SATURATED {
-                let percent = 100.0 * share;
-                let reason =
-                    format!("{percent:.1} % of the pixels are saturated; shorten the exposure");
                 let file = self.still(camera, first).map_or(dir, |still| &still.file);
-                self.warnings.push(InputError::file(file, reason));
+                let fault = ExposureFault::Saturated(share).to_string();
+                self.warnings.push(InputError::file(file, fault));
             }
         }
     }
@@ -395,9 +394,6 @@ impl Folder {
         })
     }
 }
-
-/// Largest share of saturated pixels without a warning.
-const MOST_SATURATED: f64 = 0.01;
 
 /// Returns the most bits in use in the images, `so_far` or more.
 fn bits_in_use(views: &[Picture], so_far: u32) -> u32 {

@@ -8,6 +8,7 @@
 use crate::flow::Correspondence;
 use crate::matching::MatchSettings;
 use crate::matching::geometry::RigGeometry;
+use crate::median::median;
 use trinocular_core::rig::Rig;
 
 /// Limit of a point's miss, in multiples of the noise, beside that of images.
@@ -73,11 +74,6 @@ pub(super) fn judge(rig: &Rig, points: Vec<Correspondence>) -> Judged {
         variance_inflation: excess.powi(2).max(1.0),
         remark,
     }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -258,7 +258,7 @@ mod tests {
         doubts_of_turn([0.0; 3], noise_px, wrong)
     }
 
-    /// Returns the same of points that also turned.
+    /// Returns the doubts about points that also turned.
     fn doubts_of_turn(
         degrees: [f64; 3],
         noise_px: f64,
@@ -318,6 +318,7 @@ mod tests {
         // Line 5 is the first camera of the second point.
         assert!(found[0].reason.contains("camera `left` is 6."), "{found:?}");
     }
+
     #[test]
     fn turned_points_leave_no_doubt() {
         for degrees in [[0.0, 0.0, 1.0], [0.0, 8.0, 0.0], [20.0, -5.0, 30.0]] {

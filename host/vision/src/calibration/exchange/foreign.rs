@@ -1,4 +1,4 @@
-//! Well-known layouts of calibrations that are not read, with the way to one that is.
+//! Camera files of other programs that are not read, and how to convert them.
 
 use std::path::Path;
 
@@ -60,7 +60,7 @@ const LAYOUTS: [Layout; 6] = [
 pub(super) fn check(file: &Path, text: &str) -> Result<(), InputError> {
     let refuse = |reason: &str| Err(InputError::file(file, reason));
     let lines = || text.lines().map(str::trim);
-    // A name that is read settles that the file is one of those that are.
+    // A file with `camera_matrix` is in a layout that is read.
     let has = |name: &str| lines().any(|line| starts_with_name(line, name));
     if has("camera_matrix") || has("\"camera_matrix\"") {
         return Ok(());

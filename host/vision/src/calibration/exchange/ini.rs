@@ -28,7 +28,7 @@ const NAMES: [(&str, &str, [&str; 2]); 6] = [
     ("projection", "projection_matrix", ["3", "4"]),
 ];
 
-/// Returns true if the text is such a file.
+/// Returns true if the text is an INI file of ROS.
 pub(super) fn is_ini(text: &str) -> bool {
     let mut lines = text.lines().map(str::trim);
     lines.any(|line| line == "[image]" || line == "# oST version 5.0 parameters")

@@ -51,24 +51,11 @@ const MM_PER_M: f64 = 1e3;
 const LIMIT_SHIFT_MM: f64 = 1e6;
 /// Largest size of a file, which may hold the corners of all images too.
 const LIMIT: Limit = Limit {
-    what: "a camera's YAML file",
+    what: "a camera file",
     bytes: 4 << 20,
 };
-/// Names of the values that are read.
-const KEYS: [&str; 27] = [
-    "image_Width",
-    "image_Height",
-    "Camera_Matrix",
-    "Distortion_Coefficients",
-    "width",
-    "height",
-    "K",
-    "D",
-    "P",
-    "k",
-    "d",
-    "r",
-    "p",
+/// Names of the values that are read, beside their other spellings.
+const KEYS: [&str; 14] = [
     "binning_x",
     "binning_y",
     "roi",
@@ -318,8 +305,8 @@ fn camera_matrix(field: &Node<'_>, image_size_px: [u32; 2]) -> Result<[f64; 4], 
 fn distortion(field: &Node<'_>) -> Result<[f64; KNOWN], InputError> {
     let elements = elements(field)?;
     if elements.iter().skip(KNOWN).any(|k| *k != 0.0) {
-        let reason = "more than k1 k2 p1 p2 k3: calibrate without the rational and thin-prism models, that \
-             is, with 5 coefficients (ROS: cameracalibrator -k 3)";
+        let reason = "more than k1 k2 p1 p2 k3: calibrate without the rational and thin-prism \
+                      models, that is, with 5 coefficients (ROS: cameracalibrator -k 3)";
         return Err(field.fault(reason));
     }
     Ok(std::array::from_fn(|i| {

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use super::yaml::{Document, Entry};
+use super::yaml::{Document, Entry, is_known};
 use trinocular_rig::error::InputError;
 
 /// Largest number of elements of a matrix that is kept.
@@ -40,7 +40,7 @@ pub(super) fn parse<'a>(
     while let Some(name) = scan.open()? {
         let line = scan.line;
         let body = scan.body(name)?;
-        if !known.contains(&name) {
+        if !is_known(known, name) {
             continue;
         }
         if entries.iter().any(|(other, ..)| *other == name) {
@@ -55,18 +55,22 @@ fn entry<'a>(file: &Path, line: usize, name: &str, body: &'a str) -> Result<Entr
     if !body.contains('<') {
         return Ok(Entry::Scalar(body.trim().trim_matches('"')));
     }
-    let child = |key: &str| {
-        let (_, rest) = body.split_once(&format!("<{key}>"))?;
+    // Value of a part of `body`, with what stands before it.
+    let part = |key: &str| {
+        let start = format!("<{key}>");
+        let (before, rest) = body.split_once(&start)?;
         let (value, _) = rest.split_once(&format!("</{key}>"))?;
-        Some(value)
+        Some((before, value))
     };
-    let (Some(rows), Some(cols), Some(data)) = (child("rows"), child("cols"), child("data")) else {
+    let child = |key: &str| part(key).map(|(_, value)| value);
+    let (Some(rows), Some(cols), Some((before, data))) =
+        (child("rows"), child("cols"), part("data"))
+    else {
         let reason = "expected a value, or a matrix with rows, cols and data";
         return Err(InputError::field(file, line, name, reason));
     };
-    // `data` is a part of `body`, which begins on `line`.
-    let before = body.find(data).unwrap_or(0);
-    let first = line + body[..before].matches('\n').count();
+    // `body` begins on `line`.
+    let first = line + before.matches('\n').count();
     let numbered = data.split('\n').enumerate();
     let elements = numbered.flat_map(|(down, row)| {
         let elements = row.split_ascii_whitespace();

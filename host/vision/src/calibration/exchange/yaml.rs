@@ -47,6 +47,11 @@ pub(super) const ALIASES: [(&str, &str); 13] = [
     ("projection_matrix", "p"),
 ];
 
+/// Returns true for a name that is one of the `known`, or another spelling.
+pub(super) fn is_known(known: &[&str], name: &str) -> bool {
+    known.contains(&name) || ALIASES.iter().any(|(_, other)| *other == name)
+}
+
 /// First document of a file.
 pub(super) struct Document<'a> {
     file: &'a Path,
@@ -294,7 +299,7 @@ impl Way<'_> {
     fn is_kept(&self, known: &[&str]) -> bool {
         match self {
             Self::Root => true,
-            Self::Name(Self::Root, name) => known.contains(name),
+            Self::Name(Self::Root, name) => is_known(known, name),
             Self::Name(above, _) | Self::Number(above, _) => above.is_kept(known),
         }
     }

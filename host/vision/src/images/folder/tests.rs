@@ -300,7 +300,7 @@ fn saturation_of_16_bit_images_is_named() {
     save_deep(dir.path(), "0.png", &bright, 257);
     let folder = Folder::open(dir.path(), &names(), [6, 4], 1).unwrap();
     let warnings: Vec<String> = folder.warnings().iter().map(ToString::to_string).collect();
-    let said = |w: &String| w.contains("25.0 % of the pixels are saturated");
+    let said = |w: &String| w.contains("25.0 % of its pixels saturated");
     assert!(warnings.iter().any(said), "{warnings:?}");
 }
 

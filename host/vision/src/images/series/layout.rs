@@ -172,7 +172,7 @@ fn is_stack(path: &Path) -> bool {
     is_tiff && stack::pages(path).is_ok_and(|pages| pages.len() > 1)
 }
 
-/// Returns the names of a folder's entries that are no folders, in order; hidden ones are left out.
+/// Returns the names of a folder's files, in order; hidden ones are left out.
 fn file_names(dir: &Path) -> Result<Vec<String>, InputError> {
     let io = |cause| InputError::io(dir, "list", &cause);
     let mut names = Vec::new();

@@ -1,6 +1,6 @@
 //! Decision which images of several cameras are of one instant.
 //!
-//! Images of equal names are. Where names differ from camera to camera, their endings, their last
+//! Images of equal names are of one instant. Where names differ from camera to camera, their endings, their last
 //! numbers or the times in them decide. Pages of stacks and frames of videos have no names: those
 //! of equal number are of one instant.
 
@@ -145,7 +145,7 @@ fn by_order(series: &mut [Series]) -> Pairing {
         .collect();
     let more = longer.iter().map(|text| format!("; {text}"));
     let said = format!("their order{}", more.collect::<String>());
-    // What some camera lacks at the end is no frame set with a lost image.
+    // Images at the end without a partner are dropped, so that they do not count as lost.
     for one in series.iter_mut() {
         if let Some(stills) = one.stills_mut() {
             stills.truncate(least);

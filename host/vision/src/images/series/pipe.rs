@@ -1,5 +1,5 @@
 //! Video that comes through a pipe: read by a thread, so that a program which writes the videos of
-//! several cameras in any order never waits for ever.
+//! several cameras may be some frames ahead with one of them. Beyond that it waits.
 
 use std::fs::File;
 use std::io::{BufReader, Read};

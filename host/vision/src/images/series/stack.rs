@@ -85,8 +85,11 @@ pub fn pages(path: &Path) -> Result<Vec<u64>, InputError> {
     let mut next = form.offset(&mut reader).map_err(cut)?;
     let (mut pages, mut seen) = (Vec::new(), HashSet::new());
     while next != 0 {
-        if !seen.insert(next) || seen.len() > MOST_PAGES {
+        if !seen.insert(next) {
             return Err(fault("its directories form a loop".to_owned()));
+        }
+        if seen.len() > MOST_PAGES {
+            return Err(fault(format!("more than {MOST_PAGES} pages")));
         }
         let at = next;
         reader.seek(SeekFrom::Start(at)).map_err(cut)?;

@@ -99,8 +99,8 @@ impl Header {
     /// Returns the offset of every frame's luma, from the first frame's header line at `at`.
     ///
     /// # Errors
-    /// Reason why the frames cannot be found, in words. A last frame that is cut off is one, so that
-    /// reading it fails.
+    /// Reason why the frames cannot be found, in words. A last frame that is cut off is listed, too;
+    /// one that is cut off in its luma fails when it is read.
     pub fn frames(&self, reader: &mut (impl BufRead + Seek)) -> Result<Vec<u64>, String> {
         let mut offsets = Vec::new();
         let words = |cause: io::Error| cause.to_string();
