@@ -61,7 +61,7 @@ impl fmt::Display for Colour {
 pub(super) struct Stroke {
     pub colour: Colour,
     /// Width, units.
-    pub width: u32,
+    pub width_units: u32,
     /// Lengths of dashes and gaps, units; empty for a solid line.
     pub dashes: &'static str,
 }
@@ -71,7 +71,7 @@ impl Stroke {
     pub fn solid(colour: Colour, pixels: f64) -> Self {
         Self {
             colour,
-            width: units(pixels).max(1).unsigned_abs(),
+            width_units: units(pixels).max(1).unsigned_abs(),
             dashes: "",
         }
     }
@@ -90,7 +90,7 @@ pub(super) enum Anchor {
 pub(super) struct Lettering {
     pub colour: Colour,
     /// Font size, px.
-    pub size: f64,
+    pub size_px: f64,
     pub anchor: Anchor,
     pub is_bold: bool,
     /// True for a text that runs upwards.
@@ -99,10 +99,10 @@ pub(super) struct Lettering {
 
 impl Lettering {
     /// Returns plain, level lettering of `size` px.
-    pub fn new(colour: Colour, size: f64, anchor: Anchor) -> Self {
+    pub fn new(colour: Colour, size_px: f64, anchor: Anchor) -> Self {
         Self {
             colour,
-            size,
+            size_px,
             anchor,
             is_bold: false,
             is_upright: false,
@@ -143,7 +143,7 @@ impl Sheet {
         let _ = writeln!(
             self.elements,
             "<polyline points=\"{points}\" fill=\"none\" {colour} stroke-width=\"{}\"{dashes}/>",
-            stroke.width
+            stroke.width_units
         );
     }
 
@@ -165,8 +165,8 @@ impl Sheet {
     }
 
     /// Draws a filled circle of `radius` px.
-    pub fn circle(&mut self, (x, y): Spot, radius: f64, fill: Colour) {
-        let (radius, fill) = (units(radius).max(0), fill.attribute("fill"));
+    pub fn circle(&mut self, (x, y): Spot, radius_px: f64, fill: Colour) {
+        let (radius, fill) = (units(radius_px).max(0), fill.attribute("fill"));
         let _ = writeln!(
             self.elements,
             "<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\" {fill}/>"
@@ -175,8 +175,8 @@ impl Sheet {
 
     /// Writes one line of text. Its anchor, at half the height of its digits, lies at the spot.
     pub fn text(&mut self, text: &str, (x, y): Spot, lettering: Lettering) {
-        let size = units(lettering.size);
-        let baseline = y.saturating_add(units(MIDDLE * lettering.size));
+        let size = units(lettering.size_px);
+        let baseline = y.saturating_add(units(MIDDLE * lettering.size_px));
         let anchor = match lettering.anchor {
             Anchor::Start => "",
             Anchor::Middle => " text-anchor=\"middle\"",

@@ -79,7 +79,7 @@ impl Look {
         let (width, dashes) = self.pattern();
         Stroke {
             colour: colour(self.index),
-            width,
+            width_units: width,
             dashes,
         }
     }

@@ -76,6 +76,9 @@ impl PoseMeasurement {
 impl Flow {
     /// Measures displacement and rotation of the target from the keyframe to `frame_set`.
     ///
+    /// In contrast to [`Flow::measure`] it finds neither a camera that is late nor a target that is
+    /// the smaller part of what moves: the inliers need not cover the image.
+    ///
     /// # Errors
     /// [`FlowRefusal`] if the pose cannot be measured; the keyframe stays.
     pub fn measure_pose(&mut self, frame_set: &FrameSet) -> Result<PoseMeasurement, FlowRefusal> {
