@@ -38,7 +38,9 @@ const FLOWS_PX: [[f64; 2]; 5] = [
 ];
 
 fn main() {
-    let given = std::env::args().skip(1).find_map(|argument| argument.parse().ok());
+    let given = std::env::args()
+        .skip(1)
+        .find_map(|argument| argument.parse().ok());
     let rounds = given.unwrap_or(7);
     let small = |name, disparity_px| Scene {
         name,
