@@ -188,6 +188,9 @@ impl Planner {
     }
 
     /// Chooses the flank that brings each load to its goal.
+    ///
+    /// Not on a line, which chose at its beginning and ends at its goals: the share of an axis is
+    /// not bound to the axis's own braking, which therefore says nothing about where it stops.
     fn choose_flanks(&mut self) {
         if !self.backlashes.iter().any(Backlash::has_backlash) {
             return;
@@ -200,7 +203,6 @@ impl Planner {
             let stop = axis.position.saturating_add(times(quantum, distance));
             let change = backlash.turn(axis.target, stop, axis.drift, quantum, near(quantum));
             if change != 0 {
-                // Only a new goal reverses an axis of a line, and that ends the line by itself.
                 axis.target = axis.target.saturating_add(change);
             }
         }
@@ -263,7 +265,9 @@ impl Planner {
     fn next_tick(&mut self) {
         let slots = self.limits.rate.slots_per_segment();
         let quantum = self.distance_quantum();
-        self.choose_flanks();
+        if self.line.is_none() {
+            self.choose_flanks();
+        }
         let accelerations = self.accelerations(quantum);
         let ramp = |axis: &AxisPlan, acceleration| Ramp {
             speed: axis.speed,

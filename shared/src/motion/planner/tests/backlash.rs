@@ -127,6 +127,17 @@ proptest! {
         }
     }
 
+    /// A line from rest leads every motor to its end without a step the other way.
+    #[test]
+    fn line_makes_no_step_the_other_way(
+        (rate, configs, limits) in configs(), width in prop::array::uniform3(0..40u32),
+        targets in prop::array::uniform3(-60..60i32),
+    ) {
+        let (mut planner, mut judge, carriage) = stage(configs, limits, rate, width);
+        judge.quanta = 4; // shares of lines are rounded
+        prop_assert_eq!(steps_back(&mut planner, &mut judge, carriage, targets), [0; AXES]);
+    }
+
     /// Changes limits or the origin at rest: the load stays, and ends at its target.
     #[test]
     fn load_stays_when_limits_change(
@@ -160,6 +171,56 @@ proptest! {
         }
         prop_assert_eq!(moved.loads().map(Position::whole_steps), back);
     }
+}
+
+/// Moves in a line to `targets` and returns the greatest number of steps that each motor went back
+/// on its way.
+fn steps_back(
+    planner: &mut Planner,
+    judge: &mut Judge,
+    mut carriage: Carriage,
+    targets: [i32; AXES],
+) -> [i64; AXES] {
+    planner.move_in_step(centres(targets).map(Some));
+    let mut farthest = [0; AXES];
+    let mut back = [0; AXES];
+    while !planner.has_arrived() {
+        carriage.tick(planner, judge);
+        for axis in 0..AXES {
+            let forwards = if targets[axis] < 0 { -1 } else { 1 };
+            let step = (carriage.motor[axis] >> 32) * forwards;
+            farthest[axis] = step.max(farthest[axis]);
+            back[axis] = back[axis].max(farthest[axis] - step);
+        }
+    }
+    back
+}
+
+/// An axis of a line whose own limit of jerk is low: its share of the leader's braking is rounded to
+/// more than that limit, so that the axis alone could not stop at its goal. The line still ends
+/// there, and the flank stays.
+#[test]
+fn slow_axis_of_a_line_keeps_its_flank() {
+    let leader = AxisConfig {
+        steps_per_m: 243_445,
+        max_speed_um_s: 5_620,
+        max_acceleration_um_s2: 558_734,
+        max_jerk_um_s3: 76_394_649,
+        ..CONFIG
+    };
+    let slow = AxisConfig {
+        steps_per_m: 154_668,
+        max_speed_um_s: 331,
+        max_acceleration_um_s2: 19_468,
+        max_jerk_um_s3: 1_000_000,
+        ..CONFIG
+    };
+    let configs = [CONFIG, slow, leader];
+    let limits = Limits::new(&configs, WordRate::MHZ_1).unwrap();
+    let (mut planner, mut judge, carriage) = stage(configs, limits, WordRate::MHZ_1, [0, 25, 26]);
+    judge.quanta = 4;
+    let back = steps_back(&mut planner, &mut judge, carriage, [0, 1, 14]);
+    assert_eq!(back, [0; AXES]);
 }
 
 /// A target that oscillates, as a filter describes it with some noise: the load follows, and the
