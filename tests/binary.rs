@@ -116,10 +116,13 @@ fn build() -> PathBuf {
     let messages = cargo_build(|cargo| {
         // Building the test has already fetched all dependencies.
         cargo.args(["--offline", "--bin", "trinocular"]);
-        match cfg!(feature = "camera") {
-            true => cargo.args(["--features", "trinocular/camera"]),
-            false => cargo,
+        if cfg!(feature = "camera") {
+            cargo.args(["--features", "trinocular/camera"]);
         }
+        if cfg!(feature = "foxglove") {
+            cargo.args(["--features", "trinocular/foxglove"]);
+        }
+        cargo
     });
     messages
         .iter()
