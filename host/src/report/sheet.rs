@@ -98,7 +98,7 @@ pub(super) struct Lettering {
 }
 
 impl Lettering {
-    /// Returns plain, level lettering of `size` px.
+    /// Returns plain, level lettering of `size_px`.
     pub fn new(colour: Colour, size_px: f64, anchor: Anchor) -> Self {
         Self {
             colour,
@@ -164,7 +164,7 @@ impl Sheet {
         );
     }
 
-    /// Draws a filled circle of `radius` px.
+    /// Draws a filled circle of `radius_px`.
     pub fn circle(&mut self, (x, y): Spot, radius_px: f64, fill: Colour) {
         let (radius, fill) = (units(radius_px).max(0), fill.attribute("fill"));
         let _ = writeln!(

@@ -7,10 +7,10 @@
 //! * [`pose`]: the midpoint's extension to targets that turn, with the covariance of displacement
 //!   and rotation. The host runs it, the station does not.
 //!
-//! The first three compute the displacement of the *target in the camera frame* since the keyframe: mm, x
-//! right, y down, z away. `solve` is the floating-point form (host and oracle). `solve_fixed` is
-//! the form that the station runs: integers, total, and within 1 µm of `solve` over the rated
-//! range, quantisation of the sums included.
+//! The first three compute the displacement of the *target in the camera frame* since the
+//! keyframe: mm, x right, y down, z away. `solve` is the floating-point form (host and oracle).
+//! `solve_fixed` is the form that the station runs: integers, total, and within 1 µm of `solve`
+//! over the rated range, quantisation of the sums included.
 
 pub mod closed_form;
 pub mod least_squares;

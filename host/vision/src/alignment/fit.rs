@@ -192,7 +192,7 @@ impl<'a> Regression<'a> {
     fn new(samples: &'a [Sample]) -> Self {
         let components = samples.first().map_or(0, |s| s.components.len());
         let medians = (0..components).map(|c| {
-            let middle = median(samples.iter().map(|s| s.components[c]).collect());
+            let middle = upper_median(samples.iter().map(|s| s.components[c]).collect());
             Vector3::new(middle, 0.0, 0.0)
         });
         let mut fit = Self {
@@ -221,7 +221,7 @@ impl<'a> Regression<'a> {
     /// Returns the standard deviation of a component, from its median size.
     fn scatter(&self, c: usize) -> f64 {
         let sizes = self.samples.iter().map(|s| self.residual(s, c).abs());
-        (1.4826 * median(sizes.collect())).max(1e-12)
+        (1.4826 * upper_median(sizes.collect())).max(1e-12)
     }
 
     /// Returns a point's worst residual in units of the rejection limit, and the index of its
@@ -325,7 +325,7 @@ impl<'a> Regression<'a> {
             turns[k] = line.map(|line| self.turn(2 * index, line, overlap));
         }
         let scatters = self.scatters();
-        let inverse_depth = median(self.samples.iter().map(|s| s.inverse_depth).collect());
+        let inverse_depth = upper_median(self.samples.iter().map(|s| s.inverse_depth).collect());
         let used = self.weights.iter().filter(|w| **w > 0.0).count();
         Fit {
             sigma,
@@ -382,8 +382,8 @@ fn line(geometry: &RigGeometry) -> Option<[f64; 2]> {
         .then_some(unit)
 }
 
-/// Returns the median, or 0 if there are no values.
-fn median(mut values: Vec<f64>) -> f64 {
+/// Returns the upper median, or 0 if there are no values.
+fn upper_median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let middle = values.len() / 2;
     values.get(middle).copied().unwrap_or(0.0)

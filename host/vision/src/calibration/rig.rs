@@ -13,9 +13,10 @@
 //!
 //! The result is expressed in axes of its own ([`super::stand`]).
 
-use crate::median::median;
 use nalgebra::{DMatrix, Isometry3, UnitQuaternion, Vector3};
 use trinocular_core::rig::{MAX_CAMERAS, Rig};
+
+use crate::median::median;
 
 use super::adjust::{BoardImage, BoardView, Bundle, PER_CAMERA, Unsolved, moved};
 use super::board::Board;
@@ -241,7 +242,8 @@ fn sightings(
     all
 }
 
-/// Computes a camera's sighting with each numbering of the corners that the board's symmetry allows.
+/// Computes a camera's sighting with each numbering of the corners that the board's symmetry
+/// allows.
 fn candidates(
     board: &Board,
     camera: usize,

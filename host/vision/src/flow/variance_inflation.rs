@@ -55,7 +55,8 @@ pub struct VarianceInflation {
     pub window_overlap: f64,
     /// Factor that the residuals show.
     pub factor: f64,
-    /// Part of `factor` that overlapping windows have: `factor` if the cameras err independently.
+    /// Inflation by overlapping windows alone, without the errors that the cameras of one point
+    /// share.
     pub of_windows: f64,
 }
 
