@@ -108,7 +108,7 @@ fn page_with_control_keeps_zero() {
 }
 
 #[test]
-fn page_with_control_zeroes_only_unknown_position() {
+fn page_with_control_zeroes_unknown_position() {
     let end = station();
     let said = serve(&end, &[&["--control"][..], &HEARTBEAT].concat());
     assert!(said.contains("its present position is zero"), "{said}");

@@ -7,10 +7,10 @@
 //! | `{"key": "..."}` | shows a key from before |
 //! | `{"do": {"stop": {}}, "id": 3}` | does an action; needs a key before |
 //!
-//! To the page go the messages `hello`, `state`, `control`, `done` and `alive` (JSON) and image sets
-//! (binary, see `images`). The next image set waits until the last one was drawn. An action is
-//! `done` when the station has answered it, and meanwhile the page may send further messages.
-//! `alive` comes every [`ALIVE`] whatever the run does, so that a page can tell a program that hangs.
+//! To the page go the messages `hello`, `state`, `control`, `done` and `alive` (JSON) and image
+//! sets (binary, see `images`). The next image set waits until the last one was drawn. An action is
+//! `done` when the station has answered it; meanwhile the page may send further messages. `alive`
+//! comes every [`ALIVE`] whatever the run does, so that a page notices a program that hangs.
 
 use crate::access::Access;
 use crate::controls::{Action, Reply};

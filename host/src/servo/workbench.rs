@@ -7,8 +7,13 @@
 //! While nothing is followed, other runs of the program may drive the station through this one
 //! ([`Access::Open`]).
 //!
-//! Each request is answered when the station has answered it. A jog that comes while the stage still
-//! moves is refused, because the station would replace the rest of the earlier one.
+//! Each request is answered when the station has answered it (`actions`). A jog that comes while
+//! the stage still moves is refused, because the station would replace the rest of the earlier one.
+
+mod actions;
+mod desk;
+
+pub use desk::Desk;
 
 use super::ServoError;
 use super::live::LiveObserver;
@@ -16,18 +21,17 @@ use super::observer::ServoObserver;
 use super::page_recording::PageRecording;
 use super::station_link::{FrameRefusal, StationLink};
 use super::visual_servo::{ServoOutcome, VisualServo};
+use desk::Request;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant as HostInstant};
 use trinocular_client::StationError;
 use trinocular_client::diagnosis;
-use trinocular_client::serial::{Access, Stopper};
-use trinocular_core::frame::message::{Command, Denial, Status};
+use trinocular_client::serial::Access;
 use trinocular_core::rig::Rig;
-use trinocular_core::safety::State;
 use trinocular_core::time::Instant;
-use trinocular_live::controls::{Action, Offers, Reply};
-use trinocular_live::{Controls, Hub};
+use trinocular_live::Hub;
+use trinocular_live::controls::{Offers, Reply};
 use trinocular_rig::rig_file::Stage;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::sums::Estimator;
@@ -38,22 +42,8 @@ const REQUESTS: usize = 16;
 /// Longest time for a stage to come to rest before a reset.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
 
-/// Name of the page in messages.
-const PAGE: &str = "the live page";
-
-/// Refusal of a jog in motion.
-const STILL_MOVES: &str =
-    "the stage still moves: wait until it stands, or stop it; this jog was not done";
-
 /// Outcome of a request: done, or the reason why not, in words.
 type Outcome = Result<(), String>;
-
-/// Request of a page, and the way back to it.
-#[derive(Debug)]
-struct Request {
-    action: Action,
-    reply: Reply,
-}
 
 /// Reset that waits for the stage to stand.
 #[derive(Debug)]
@@ -82,40 +72,6 @@ pub trait Bench {
 
     /// Returns the station.
     fn station(&mut self) -> &mut StationLink;
-}
-
-/// Controls of a workbench, for the threads of its pages.
-#[derive(Debug)]
-pub struct Desk {
-    stopper: Option<Stopper>,
-    offers: Offers,
-    requests: SyncSender<Request>,
-}
-
-impl Controls for Desk {
-    fn offers(&self) -> Offers {
-        self.offers
-    }
-
-    fn stop(&self) {
-        if let Some(stopper) = &self.stopper {
-            stopper.stop(PAGE);
-        }
-        // The loop notices the stop by itself; a full queue is no reason to fail.
-        let _ = self.requests.try_send(Request {
-            action: Action::Stop {},
-            reply: Reply::new(|_| {}),
-        });
-    }
-
-    fn request(&self, action: Action, reply: Reply) {
-        // A request that comes back after the end of the run says so by itself.
-        if let Err(TrySendError::Full(request)) = self.requests.try_send(Request { action, reply })
-        {
-            let reason = "the station is busy; try again".to_owned();
-            request.reply.send(Err(reason));
-        }
-    }
 }
 
 /// Loop that owns the station.
@@ -403,158 +359,6 @@ impl<B: Bench> Workbench<B> {
         let observers = self.observers();
         if let Some(servo) = &mut self.servo {
             servo.set_observers(observers);
-        }
-        Ok(())
-    }
-
-    fn act(&mut self, Request { action, reply }: Request) -> Result<(), ServoError> {
-        match action {
-            Action::Reset {} => {
-                self.cancel_reset("another reset follows");
-                self.begin_reset(Some(reply));
-            }
-            Action::Follow { on: true } if self.servo.is_none() => match self.begin() {
-                Ok(()) => self.starting = Some(reply),
-                refused => reply.send(refused),
-            },
-            Action::Mark { text } => {
-                reply.send(Ok(()));
-                self.recording.event("mark", &text);
-                self.hub.mark(text);
-            }
-            action => {
-                let is_zero = matches!(action, Action::Zero {});
-                let outcome = self.perform(action)?;
-                let is_done = outcome.is_ok();
-                reply.send(outcome);
-                if is_zero && is_done {
-                    self.hub.note("zero is here");
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn begin_reset(&mut self, reply: Option<Reply>) {
-        let deadline = HostInstant::now() + REST_PATIENCE;
-        self.reset = Some(Reset { deadline, reply });
-    }
-
-    /// Does an action whose outcome is known at its end.
-    fn perform(&mut self, action: Action) -> Result<Outcome, ServoError> {
-        match action {
-            Action::Stop {} => {
-                // A reset from before the stop must not undo it.
-                self.cancel_reset("a stop came after it");
-                // Stopped already from the thread of the page; this notices it if nothing moves.
-                let station = self.bench.station();
-                match station.serial().map(|serial| serial.check()) {
-                    Some(Err(error)) => self.forgive(error)?,
-                    _ => return self.send("stop", Command::Stop),
-                }
-            }
-            Action::Follow { on: false } if self.servo.is_some() => {
-                self.end_following("following was ended".to_owned());
-                self.hub.note("following ended");
-                // A stop and a reset: the stage comes to rest instead of running on to its
-                // prediction, and is ready again.
-                let stopped = self.send("stop", Command::Stop)?;
-                self.begin_reset(None);
-                return Ok(stopped);
-            }
-            Action::Record { on } => return Ok(self.record(on)),
-            Action::Jog { .. } | Action::Zero {} | Action::Home {} if self.servo.is_some() => {
-                return Ok(self.refuse("end following first"));
-            }
-            Action::Jog { .. } if self.is_moving() => return Ok(self.refuse(STILL_MOVES)),
-            Action::Jog { distance_um } => return self.drive("jog", Command::Jog { distance_um }),
-            Action::Zero {} => return self.drive("zero", Command::Zero),
-            Action::Home {} => {
-                let axes = self.stage.care.home.map(|home| home.is_some());
-                return self.drive("home", Command::Home { axes });
-            }
-            // Following is as it should be already; the others have their own ways.
-            Action::Follow { .. } | Action::Reset {} | Action::Mark { .. } => {}
-        }
-        Ok(Ok(()))
-    }
-
-    fn refuse(&self, reason: &str) -> Outcome {
-        self.hub.warn(reason);
-        Err(reason.to_owned())
-    }
-
-    fn is_moving(&mut self) -> bool {
-        let station = self.bench.station();
-        match station.serial() {
-            Some(serial) => serial.is_moving(),
-            None => station
-                .status()
-                .is_some_and(|status| status.state.is_moving()),
-        }
-    }
-
-    /// Sends a command that needs the station for this run.
-    fn drive(&mut self, name: &'static str, command: Command) -> Result<Outcome, ServoError> {
-        let outcome = match self.take_over() {
-            Ok(()) => self.send(name, command)?,
-            refused => refused,
-        };
-        self.share();
-        Ok(outcome)
-    }
-
-    /// Sends a command and waits for the answer; a refusal also becomes a warning on the page.
-    fn send(&mut self, name: &'static str, command: Command) -> Result<Outcome, ServoError> {
-        match self.bench.station().command(name, command) {
-            Ok(()) => Ok(Ok(())),
-            Err(error @ StationError::Denied { denial, .. }) => {
-                Ok(Err(self.refused(&error, denial)))
-            }
-            Err(error) => {
-                let reason = error.to_string();
-                self.forgive(error)?;
-                Ok(Err(reason))
-            }
-        }
-    }
-
-    /// Warns of a refusal, with its remedy; returns both in words.
-    fn refused(&self, error: &StationError, denial: Denial) -> String {
-        let remedy = diagnosis::remedy(denial).map(|remedy| format!("; {remedy}"));
-        let text = format!("{error}{}", remedy.unwrap_or_default());
-        self.hub.warn(text.clone());
-        text
-    }
-
-    /// Resets the station once its stage stands.
-    fn try_reset(&mut self) -> Result<(), ServoError> {
-        let Some(end) = self.reset.as_ref().map(|reset| reset.deadline) else {
-            return Ok(());
-        };
-        let station = self.bench.station();
-        let state = station.status().map(|status: Status| status.state);
-        let is_moving = state.is_none_or(State::is_moving);
-        if is_moving && HostInstant::now() < end {
-            return Ok(());
-        }
-        let outcome = match station.command("reset", Command::Reset) {
-            // The ramp or the report of the fault is still under way.
-            Err(error) if error.is_passing() && HostInstant::now() < end => return Ok(()),
-            outcome => outcome,
-        };
-        let reply = self.reset.take().and_then(|reset| reset.reply);
-        let outcome = match outcome {
-            Ok(()) => Ok(()),
-            Err(error @ StationError::Denied { denial, .. }) => Err(self.refused(&error, denial)),
-            Err(error) => {
-                let reason = error.to_string();
-                self.forgive(error)?;
-                Err(reason)
-            }
-        };
-        if let Some(reply) = reply {
-            reply.send(outcome);
         }
         Ok(())
     }

@@ -7,7 +7,7 @@
 //! |---|---|
 //! | stop | stops, repeated until they are answered; this program's own motion ends by them |
 //! | watch | nothing; the guest gets the station's reports |
-//! | drive | every command, if this program allows it and no other guest drives; a jog only at rest |
+//! | drive | every command, if this program allows it and no other guest drives; jogs at rest only |
 //!
 //! Pings are answered here, by this program's knowledge of the station's clock. A guest that drives
 //! and leaves, or sends no ping for the heartbeat timeout, has its motion stopped.

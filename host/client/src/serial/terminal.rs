@@ -44,7 +44,8 @@ impl Terminal {
     /// Returns true if the link at `path` was made anew since, by a program that still runs.
     pub fn is_back(&self, path: &str) -> bool {
         let now = identity(path);
-        self.link.is_some() && now.is_some() && now != self.link && !is_left_behind(Path::new(path))
+        let is_new = self.link.is_some() && now.is_some() && now != self.link;
+        is_new && !is_left_behind(Path::new(path))
     }
 }
 

@@ -13,8 +13,8 @@ use trinocular_vision::images::decode::caught;
 /// Largest record, and largest unpacked chunk, bytes.
 pub const LARGEST: u64 = 256 << 20;
 
-/// Bytes up to which the end of a file without the right beginning is looked for, so that an
-/// endless file is refused soon.
+/// Longest search for the end of a file without the right beginning, bytes. An endless file is
+/// refused soon.
 const FARTHEST_END: u64 = 1 << 30;
 
 /// Bytes of a record's opcode and length.
