@@ -11,6 +11,8 @@ mod control;
 mod options;
 #[path = "live/peer.rs"]
 mod peer;
+#[path = "live/port.rs"]
+mod port;
 #[path = "live/record.rs"]
 mod record;
 #[path = "live/slow.rs"]
@@ -24,7 +26,7 @@ use trinocular_client::stage::default_stage;
 use trinocular_core::frame::message::Mounting;
 use trinocular_core::rig::Rig;
 use trinocular_live::access::Access;
-use trinocular_live::controls::{Action, Offers};
+use trinocular_live::controls::{Action, Offers, Reply};
 use trinocular_live::{Controls, Hub, Server, Setup, Turn};
 use trinocular_vision::images::{FrameSet, Image};
 
@@ -71,12 +73,12 @@ impl Controls for Desk {
         self.stops.fetch_add(1, Ordering::SeqCst);
     }
 
-    fn request(&self, action: Action) -> Result<(), String> {
+    fn request(&self, action: Action, reply: Reply) {
         if self.is_busy.load(Ordering::SeqCst) {
-            return Err("busy".to_owned());
+            return reply.send(Err("busy".to_owned()));
         }
         self.requests.lock().unwrap().push(action);
-        Ok(())
+        reply.send(Ok(()));
     }
 }
 

@@ -211,6 +211,39 @@ fn returning_line_is_used_after_resume() {
     assert_eq!(end.steps(), [400, -320, 80]);
 }
 
+/// The system gives the name of a closed pseudo-terminal to the next program that asks for one.
+#[test]
+#[cfg(target_os = "linux")]
+fn pseudo_terminal_is_not_opened_again_by_name() {
+    use trinocular_client::twin::far_end::{FarEnd as _, Terminal};
+    let end = station();
+    let name = std::fs::canonicalize(&end.path).expect("a link");
+    let name = name.to_str().expect("UTF-8").to_owned();
+    let mut serial = start(&name);
+    end.unplug();
+    let patience = Instant::now() + PATIENCE;
+    while serial.check().is_ok() {
+        assert!(Instant::now() < patience, "the loss is not noticed");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    // The lowest free name comes first, unless another program was faster.
+    let opened = (0..20).map(|_| Terminal::open().expect("a pseudo-terminal"));
+    let mut foreign: Vec<Terminal> = opened.collect();
+    let error = serial
+        .command("zero", Command::Zero)
+        .expect_err("it is lost");
+    assert!(matches!(error, StationError::Lost { .. }), "{error}");
+    let text = error.to_string();
+    for part in [&name, "not opened again"] {
+        assert!(text.contains(part), "`{part}` is not in: {text}");
+    }
+    drop(serial);
+    for terminal in &mut foreign {
+        let mut bytes = [0; 64];
+        assert_eq!(terminal.read(&mut bytes).unwrap_or(0), 0, "{bytes:?}");
+    }
+}
+
 #[test]
 fn motion_does_not_return_with_line() {
     let end = station();

@@ -163,7 +163,10 @@ fn idle_owner_lets_one_guest_drive() {
         distance_um: [1_000, 0, 0],
     };
     guest.command("jog", short).expect("it is passed on");
-    wait("it arrives", || end.steps() == [80, 0, 0]);
+    wait("it arrives", || {
+        let status = guest.fresh_status(true).expect("a status comes");
+        status.state == State::Idle && end.steps() == [80, 0, 0]
+    });
     // Denials are passed on, too.
     guest.command("jog", FAR).expect("it is passed on");
     moving(&end);
@@ -202,6 +205,30 @@ fn owner_takes_its_configuration_back() {
     wait("it arrives", || end.steps() == [80, 0, 0]);
 }
 
+/// The station alone would replace the rest of the first jog.
+#[test]
+fn jog_of_guest_in_motion_is_refused() {
+    let end = station();
+    let mut owner = start(&end);
+    owner.set_access(Access::Open).expect("opening never fails");
+    let mut guest = Serial::connect(&end.path).expect("the owner lets it in");
+    guest.start_heartbeat().expect("it is answered");
+    let jog = |um| Command::Jog {
+        distance_um: [um, 0, 0],
+    };
+    // The second is on its way before the first is answered.
+    let [first, second] = [jog(5_000), jog(1_000)].map(|jog| guest.send(jog));
+    let answer = |sequence| {
+        let end = Instant::now() + PATIENCE;
+        let came = guest.wait_until(end, |client| client.answer(sequence));
+        came.expect("the line stays").expect("an answer")
+    };
+    assert_eq!(answer(first), Ok(()));
+    assert_eq!(answer(second), Err(Denial::Moving));
+    wait("it arrives", || end.steps() == [400, 0, 0]);
+    assert_eq!(end.standing(), [400, 0, 0]);
+}
+
 #[test]
 fn guest_that_vanishes_stops_its_motion() {
     let end = station();
@@ -238,7 +265,9 @@ fn unanswered_stop_outlives_guest_commands() {
     to_lose.store(3, Ordering::Relaxed);
     owner.stopper().stop("a test");
     wait("the station stops", || {
-        guest.send(FAR);
+        guest.send(Command::Setpoint {
+            position_um: [50_000, 0, 0],
+        });
         owner
             .status()
             .is_some_and(|status| status.state == State::Stopped)
@@ -307,6 +336,21 @@ fn silent_guest_is_stopped() {
     });
     assert!(end.standing()[0] < 4_000);
     assert_eq!(owner.status().and_then(|status| status.fault), None);
+}
+
+#[test]
+fn guest_names_the_owner_that_has_ended() {
+    let end = station();
+    let mut owner = start(&end);
+    owner.set_access(Access::Open).expect("opening never fails");
+    let guest = Serial::connect(&end.path).expect("the owner lets it in");
+    drop(owner);
+    wait("the loss is noticed", || guest.check().is_err());
+    let text = guest.check().expect_err("it is lost").to_string();
+    for part in ["which had the port", "run this again"] {
+        assert!(text.contains(part), "`{part}` is not in: {text}");
+    }
+    assert!(text.contains(&std::process::id().to_string()), "{text}");
 }
 
 #[test]

@@ -364,3 +364,43 @@ fn station_goes_on_without_orders() {
     interrupt(&twin.program);
     assert_eq!(twin.program.wait().expect("it ends").code(), Some(0));
 }
+
+/// The pseudo-terminal behind the link of a killed twin may be another program's by now.
+#[test]
+fn link_of_killed_twin_is_not_opened() {
+    let mut twin = Twin::on_link();
+    twin.good("status");
+    twin.program.kill().expect("it runs");
+    twin.program.wait().expect("it ends");
+    let outcome = twin.run("stop");
+    outcome.failed(1, &["has crashed", "run `trinocular twin` again"]);
+    // The next twin takes the link over.
+    let link = twin.port.clone();
+    let next = Twin::start(|_| vec!["--link".to_owned(), link]);
+    next.good("status");
+}
+
+#[test]
+fn jog_ends_when_its_twin_is_killed() {
+    let mut twin = Twin::on_link();
+    let jog = trinocular()
+        .args(["jog", "x=-8", "--port", &twin.port, "--rig", "rig.toml"])
+        .args(HEARTBEAT)
+        .current_dir(twin.folder.path())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("it starts");
+    loop {
+        twin.order("where");
+        if !twin.says().starts_with("stage at 0.0000") {
+            break;
+        }
+    }
+    twin.program.kill().expect("it runs");
+    let outcome = jog.wait_with_output().expect("it ends");
+    let text = String::from_utf8(outcome.stderr).expect("UTF-8");
+    assert_eq!(outcome.status.code(), Some(3), "{text}");
+    for part in [twin.port.as_str(), "not opened again"] {
+        assert!(text.contains(part), "`{part}` is not in: {text}");
+    }
+}

@@ -106,6 +106,10 @@ fn is_in(state: &str) -> impl Fn(&Value) -> bool + '_ {
     move |message| message["station"]["state"] == state
 }
 
+fn jog(distance_um: [i32; 3]) -> Value {
+    json!({"jog": {"distance_um": distance_um}})
+}
+
 #[test]
 fn stop_of_the_page_stops_the_pins() {
     let lab = Lab::start(TargetPath::Lissajous);
@@ -123,12 +127,12 @@ fn stop_of_the_page_stops_the_pins() {
     page.state(|state| turns(state) > now + 5);
     assert_eq!(lab.twin.steps(), steps);
     // Jog and following are refused until the reset.
-    assert_eq!(
-        page.ask(&json!({"jog": {"distance_um": [500, 0, 0]}})),
-        None
-    );
-    let refused = |state: &Value| state["notes"].to_string().contains("refused jog");
-    page.state(refused);
+    for action in [jog([500, 0, 0]), json!({"follow": {"on": true}})] {
+        let refusal = page.ask(&action).expect("it is refused");
+        for part in ["stopped", "reset"] {
+            assert!(refusal.contains(part), "{refusal}");
+        }
+    }
     assert_eq!(lab.twin.steps(), steps);
     assert_eq!(page.ask(&json!({"reset": {}})), None);
     page.state(is_in("idle"));
@@ -163,10 +167,7 @@ fn bench_follows_again_after_jog_and_zero() {
     let lab = Lab::start(TargetPath::Still);
     let mut page = lab.page();
     page.state(is_in("idle"));
-    assert_eq!(
-        page.ask(&json!({"jog": {"distance_um": [500, -250, 0]}})),
-        None
-    );
+    assert_eq!(page.ask(&jog([500, -250, 0])), None);
     let end = Instant::now() + PATIENCE;
     while lab.twin.steps() != [40, -20, 0] {
         assert!(Instant::now() < end, "{:?}", lab.twin.steps());
@@ -187,14 +188,55 @@ fn bench_follows_again_after_jog_and_zero() {
         let seen = |state: &Value| state["samples"][0][1].is_number();
         page.state(seen);
         // While it follows, a jog is refused by the loop.
-        assert_eq!(
-            page.ask(&json!({"jog": {"distance_um": [500, 0, 0]}})),
-            None
-        );
-        page.state(|state| state["notes"].to_string().contains("end following first"));
+        let refusal = page.ask(&jog([500, 0, 0]));
+        assert_eq!(refusal.as_deref(), Some("end following first"));
         assert_eq!(page.ask(&json!({"follow": {"on": false}})), None);
         page.state(is_in("idle"));
     }
     assert_eq!(page.ask(&json!({"mark": {"text": "lamp off"}})), None);
     page.state(|state| state["notes"].to_string().contains("lamp off"));
+}
+
+/// Each of three jogs at once is done or refused by name, and none replaces another.
+#[test]
+fn jog_in_motion_is_refused_by_name() {
+    let lab = Lab::start(TargetPath::Still);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    for id in [1001, 1002, 1003] {
+        page.say(&json!({"do": jog([5_000, 0, 0]), "id": id}));
+    }
+    let answers = [1001, 1002, 1003].map(|id| {
+        page.wait(|message| {
+            let is_answer = message["type"] == "done" && message["id"] == id;
+            is_answer.then(|| message["error"].as_str().map(str::to_owned))
+        })
+    });
+    assert_eq!(answers[0], None);
+    for answer in &answers[1..] {
+        let refusal = answer.as_deref().expect("it is refused");
+        assert!(refusal.contains("the stage still moves"), "{refusal}");
+    }
+    let end = Instant::now() + PATIENCE;
+    while lab.twin.steps() != [400, 0, 0] {
+        assert!(Instant::now() < end, "{:?}", lab.twin.steps());
+        page.state(|_| true);
+    }
+    page.state(is_in("idle"));
+    assert_eq!(lab.twin.steps(), [400, 0, 0]);
+}
+
+/// A page does not wait for the answer to one action before it sends another.
+#[test]
+fn stop_overtakes_an_action_without_answer() {
+    let lab = Lab::start(TargetPath::Still);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    assert_eq!(page.ask(&jog([50_000, 0, 0])), None);
+    lab.wait_for_steps([0; 3]);
+    // It waits for the stage to stand.
+    page.say(&json!({"do": {"reset": {}}, "id": 1001}));
+    assert_eq!(page.ask(&json!({"stop": {}})), None);
+    page.state(is_in("stopped"));
+    assert!(lab.twin.steps()[0] < 4_000);
 }

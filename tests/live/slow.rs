@@ -64,3 +64,13 @@ fn images_wait_until_the_last_were_drawn() {
     }
     assert!(number >= 2);
 }
+
+/// A page tells by it that the program hangs.
+#[test]
+fn sign_of_life_comes_without_turns() {
+    let site = Site::new();
+    let mut page = Peer::open(site.address());
+    for _ in 0..3 {
+        page.wait(|message| (message["type"] == "alive").then_some(()));
+    }
+}

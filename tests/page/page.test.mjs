@@ -136,6 +136,40 @@ test("a used link only watches, and says so", async (t) => {
   await first.until("!document.getElementById('controls-panel').hidden");
 });
 
+test("a suspended program is told by the page", async (t) => {
+  const own = new Served(TRINOCULAR, "--control");
+  t.after(() => own.close());
+  const tab = await open(t, await own.link());
+  await tab.until("!document.getElementById('controls-panel').hidden");
+  await tab.until(`${STATE} === "following"`);
+  assert.equal(await tab.evaluate("document.getElementById('stale').hidden"), true);
+  own.process.kill("SIGSTOP");
+  await tab.until("document.getElementById('stale').textContent.includes('emergency stop')");
+  await tab.click("#stop");
+  await tab.until("document.getElementById('answer').textContent.includes('NOT ANSWERED')");
+  own.process.kill("SIGCONT");
+  await tab.until("document.getElementById('stale').hidden");
+  // The stop that waited is obeyed.
+  await tab.until(`${STATE} === "stopped"`);
+  assert.deepEqual(tab.complaints, []);
+});
+
+test("a refused jog is named, and a pause is a gap in the plots", async (t) => {
+  const tab = await open(t, await served.link());
+  await tab.until("!document.getElementById('controls-panel').hidden");
+  await tab.until(`${STATE} === "idle"`);
+  await tab.click("#zero");
+  await tab.until("document.getElementById('trust').textContent === 'known'");
+  await tab.evaluate("document.getElementById('jog-step').value = '10000'");
+  for (const axis of ["0,1,0", "0,-1,0"]) await tab.click(`[data-jog='${axis}']`);
+  await tab.until("document.getElementById('answer').textContent.includes('still moves')");
+  await tab.until(`${STATE} === "idle"`);
+  const rows = await tab.evaluate(`import("/plots.js").then(({ withGaps }) =>
+    withGaps([[0, 1], [0.1, 1], [0.2, 1], [2, 1], [2.1, 1]]))`);
+  assert.deepEqual(rows.map((row) => row[1]), [1, 1, 1, null, 1, 1]);
+  assert.deepEqual(tab.complaints, []);
+});
+
 test("page of another server cannot connect", async (t) => {
   const { createServer } = await import("node:http");
   const foreign = createServer((_, answer) => {

@@ -167,6 +167,32 @@ fn killed_run_leaves_a_readable_file() {
     }
 }
 
+#[test]
+fn second_run_to_the_same_file_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let track = ["track", "--sim", "--seconds", "600", "--record", "run.mcap"];
+    let mut program = trinocular()
+        .args(track)
+        .current_dir(folder)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("it runs");
+    let path = folder.join("run.mcap");
+    while !path.metadata().is_ok_and(|about| about.len() > 1 << 20) {
+        assert!(program.try_wait().unwrap().is_none(), "it ended early");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    run(folder, &track).failed(1, &["run.mcap", "another run writes this file"]);
+    // A crash leaves no lock behind.
+    signal(&program, "KILL");
+    program.wait().unwrap();
+    let short = ["track", "--sim", "--seconds", "0.2", "--record", "run.mcap"];
+    let next = run(folder, &short);
+    assert_eq!(next.code, Some(0), "{}", next.stderr);
+}
+
 /// The limit stands for a full disk; the run goes on, and its exit code says what happened.
 #[cfg(unix)]
 #[test]

@@ -1,6 +1,7 @@
 //! The serial ports of this computer, and the one that a station is on. Opens no port, hence
 //! writes to none.
 
+use super::twin::link::is_locked;
 use super::{StationError, owner};
 use serialport::SerialPortType;
 use std::path::{Path, PathBuf};
@@ -63,7 +64,7 @@ pub fn candidates() -> Result<Vec<Candidate>, StationError> {
 ///
 /// # Errors
 /// [`StationError::Port`] with the ports that were found, if none or several are a station, or if
-/// no station is simulated.
+/// no station is simulated or it is unplugged.
 ///
 /// # Example
 /// ```
@@ -94,22 +95,20 @@ fn twin() -> Result<String, StationError> {
         reason,
     };
     let link = twin_link().map_err(|cause| failed(cause.to_string()))?;
-    match is_simulated(&link) {
-        true => Ok(link.to_string_lossy().into_owned()),
-        false => Err(failed(
-            "no station is simulated now: run `trinocular twin` in another terminal first".into(),
-        )),
+    simulated(&link).map_err(|reason| failed(reason.to_owned()))
+}
+
+/// Returns the path of the link to a simulated station, or the reason why there is none.
+fn simulated(link: &Path) -> Result<String, &'static str> {
+    match (link.exists(), is_locked(link)) {
+        (true, true) => Ok(link.to_string_lossy().into_owned()),
+        (false, true) => Err(
+            "the simulated station is unplugged: type `plug` in the terminal of `trinocular twin`",
+        ),
+        (_, false) => {
+            Err("no station is simulated now: run `trinocular twin` in another terminal first")
+        }
     }
-}
-
-#[cfg(unix)]
-fn is_simulated(link: &Path) -> bool {
-    crate::twin::far_end::PseudoTerminal::is_in_use(link)
-}
-
-#[cfg(not(unix))]
-fn is_simulated(_: &Path) -> bool {
-    false
 }
 
 fn only_station(list: &[Candidate]) -> Result<String, StationError> {
@@ -160,6 +159,24 @@ mod tests {
             serial_number: None,
             is_station: usb == Some(USB_IDS),
         }
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn unplugged_twin_is_no_absent_one() {
+        use crate::twin::far_end::{Plug as _, PseudoTerminal};
+        let folder = tempfile::tempdir().expect("a folder");
+        let link = folder.path().join("station");
+        let mut twin = PseudoTerminal::open(&link).expect("a pseudo-terminal");
+        assert_eq!(simulated(&link).as_deref(), Ok(&*link.to_string_lossy()));
+        twin.unplug();
+        let reason = simulated(&link).expect_err("it is unplugged");
+        assert!(reason.contains("`plug`"), "{reason}");
+        twin.plug().expect("the name is free");
+        assert!(simulated(&link).is_ok());
+        drop(twin);
+        let reason = simulated(&link).expect_err("it has ended");
+        assert!(reason.contains("no station is simulated"), "{reason}");
     }
 
     #[test]

@@ -19,6 +19,7 @@ mod repetition;
 mod sender;
 mod sharing;
 mod stop;
+mod terminal;
 
 pub use busy::{Holder, OtherHost, end_other_host};
 pub(crate) use port::TCP;
@@ -107,6 +108,9 @@ pub struct Serial {
     sender: Arc<Sender>,
     threads: Vec<JoinHandle<()>>,
     cleared: Option<Fault>,
+    is_zeroed: bool,
+    /// True if the station ends with this program: then it needs no advice for later.
+    ends_with_station: bool,
     /// Keeps the host awake, because a host that sleeps stops no stage.
     _awake: interruption::Awake,
     /// True once the caller has requested a stop: signals are then no longer reported.
@@ -278,6 +282,12 @@ impl Serial {
         self.shared.line().resume()
     }
 
+    /// Marks the station as one that ends with this program, so that the end of a run in motion
+    /// advises no reset.
+    pub fn set_ends_with_station(&mut self) {
+        self.ends_with_station = true;
+    }
+
     /// Sets the time for reconnecting a lost line; default 10 s.
     pub fn set_reconnect_patience(&mut self, patience: Duration) {
         self.shared.line().patience = patience;
@@ -308,6 +318,14 @@ impl Serial {
         let mut line = self.shared.line();
         line.take_in();
         line.client.status().copied()
+    }
+
+    /// Returns true if the stage moves, or may move because of a command or a stop of this program
+    /// or of a guest.
+    pub fn is_moving(&self) -> bool {
+        let mut line = self.shared.line();
+        line.take_in();
+        line.is_moving()
     }
 
     /// Locks the line and returns its client. Drop it at once, because no report is read meanwhile.

@@ -9,6 +9,7 @@
 //! [`far_end`] the line that they use. A [`TwinOnPort`] has both on a thread of this process.
 
 pub mod far_end;
+pub(crate) mod link;
 #[cfg_attr(not(unix), path = "twin/no_port.rs")]
 mod on_port;
 pub mod real_time;

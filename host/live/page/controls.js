@@ -48,7 +48,7 @@ export class Controls {
   async stop() {
     const error = await this.link.do({ stop: {} }, STOP_PATIENCE_MS);
     byId("answer").textContent = error
-      ? `NOT STOPPED: ${error}. Press the emergency stop.` : "Stop was sent.";
+      ? `STOP WAS NOT ANSWERED: ${error}. Press the emergency stop.` : "Stop was sent.";
   }
 
   async ask(action) {

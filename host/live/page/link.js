@@ -32,6 +32,7 @@ export class Link {
       else if (key) this.send({ key });
     };
     socket.onmessage = ({ data }) => {
+      this.handlers.heard();
       if (typeof data === "string") this.take(JSON.parse(data));
       else this.handlers.images(data);
     };
@@ -74,7 +75,7 @@ export class Link {
 
   // Asks for an action; resolves to null, or to the reason why it was not done. Without an answer
   // it resolves to such a reason after `patienceMs`.
-  do(action, patienceMs = 5000) {
+  do(action, patienceMs = 15_000) {
     return new Promise((resolve) => {
       const id = ++this.count;
       if (!this.send({ do: action, id })) {

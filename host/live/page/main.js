@@ -2,6 +2,7 @@
 
 import { Cameras } from "./cameras.js";
 import { Controls } from "./controls.js";
+import { Freshness } from "./freshness.js";
 import { Link } from "./link.js";
 import { Path } from "./path.js";
 import { ERROR, Plots, SIGMA, STAGE } from "./plots.js";
@@ -26,11 +27,17 @@ const link = new Link({
     cameras.setUp(message);
     controls.setOffers(message.offers);
     setUpTravel(message.travel_mm);
+    byId("scale").hidden = !message.scale;
+    setText("scale", message.scale ? sentence(message.scale) : "");
     plots.clear();
     byId("notes").replaceChildren();
     banner(null);
   },
+  heard() {
+    freshness.heard();
+  },
   state(message) {
+    freshness.seen(message);
     plots.add(message.samples);
     showFigures(message);
     showStation(message);
@@ -54,11 +61,13 @@ const link = new Link({
     }
   },
   lost() {
+    freshness.lost();
     controls.setControl(false);
     showState("not connected", "bad");
     banner("No connection to the program. What is shown may be old; the buttons do nothing.");
   },
 });
+const freshness = new Freshness(byId("stale"));
 const controls = new Controls(link);
 controls.setControl(false);
 
@@ -133,7 +142,7 @@ function showStation({ station, following, refusal, ended }) {
       next && next !== "nothing" ? `To do: ${next}` : null;
   byId("next").hidden = !advice;
   setText("next", (advice ?? "").replaceAll("`", ""));
-  setText("trust", station.trust);
+  setText("trust", station.position);
   setText("sight", station.sight);
   setText("motors", station.motors ? "on" : "off");
 }

@@ -54,6 +54,23 @@ function band(id, name) {
     { bands: [{ series: [1, 2], fill }] });
 }
 
+// A pause between two samples is a gap if it is longer than this, s, and than this many usual ones.
+const GAP_S = 0.5, USUAL_PAUSES = 2.5;
+
+// Puts an empty sample into every pause, so that no line leads across it.
+export function withGaps(samples) {
+  const pauses = samples.slice(1).map((sample, index) => sample[AT] - samples[index][AT]);
+  const usual = pauses.sort((a, b) => a - b)[pauses.length >> 1] ?? 0;
+  const longest = Math.max(GAP_S, USUAL_PAUSES * usual);
+  return samples.flatMap((sample, index) => {
+    const before = samples[index - 1]?.[AT];
+    if (before === undefined || sample[AT] - before <= longest) return [sample];
+    const empty = new Array(sample.length).fill(null);
+    empty[AT] = (before + sample[AT]) / 2;
+    return [empty, sample];
+  });
+}
+
 export class Plots {
   constructor() {
     const xyz = () => AXES.map((name) => line(name, name));
@@ -88,7 +105,8 @@ export class Plots {
 
   draw() {
     if (document.hidden) return;
-    const column = (index) => this.samples.map((sample) => sample[index]);
+    const samples = withGaps(this.samples);
+    const column = (index) => samples.map((sample) => sample[index]);
     const at = column(AT);
     this.bands.forEach((made, k) => {
       const middle = column(DISPLACEMENT + k), sigma = column(SIGMA + k);

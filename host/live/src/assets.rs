@@ -26,7 +26,7 @@ macro_rules! asset {
 }
 
 /// All files but the page itself, which is at `/`.
-pub const ASSETS: [Asset; 10] = [
+pub const ASSETS: [Asset; 11] = [
     asset!("style.css", CSS),
     asset!("main.js", SCRIPT),
     asset!("link.js", SCRIPT),
@@ -34,6 +34,7 @@ pub const ASSETS: [Asset; 10] = [
     asset!("plots.js", SCRIPT),
     asset!("path.js", SCRIPT),
     asset!("controls.js", SCRIPT),
+    asset!("freshness.js", SCRIPT),
     asset!("vendor/uPlot.iife.min.js", SCRIPT),
     asset!("vendor/uPlot.min.css", CSS),
     asset!("icon.svg", "image/svg+xml"),

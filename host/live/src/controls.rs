@@ -1,6 +1,7 @@
 //! Actions that a page may ask for, and the part of a run that does them.
 
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Longest jog of a page, µm.
 pub const LONGEST_JOG_UM: i32 = 50_000;
@@ -101,11 +102,42 @@ pub trait Controls: Send + Sync {
     fn stop(&self);
 
     /// Takes in any other action, which has been [checked](Action::check), without waiting for it.
-    ///
-    /// # Errors
-    /// The reason why it cannot be done, in words. A refusal of the station comes later, as a
-    /// [note](crate::Hub::note).
-    fn request(&self, action: Action) -> Result<(), String>;
+    /// The outcome goes to `reply` when the station has answered.
+    fn request(&self, action: Action, reply: Reply);
+}
+
+/// Way back to the page that asked for an action. One that is dropped without an outcome answers
+/// that the run has ended.
+pub struct Reply(Option<Box<SendOutcome>>);
+
+type SendOutcome = dyn FnOnce(Result<(), String>) + Send;
+
+impl Reply {
+    /// Makes a reply that calls `send` with the outcome.
+    pub fn new(send: impl FnOnce(Result<(), String>) + Send + 'static) -> Self {
+        Self(Some(Box::new(send)))
+    }
+
+    /// Sends the outcome: done, or the reason why not, in words.
+    pub fn send(mut self, outcome: Result<(), String>) {
+        if let Some(send) = self.0.take() {
+            send(outcome);
+        }
+    }
+}
+
+impl Drop for Reply {
+    fn drop(&mut self) {
+        if let Some(send) = self.0.take() {
+            send(Err("the run has ended".to_owned()));
+        }
+    }
+}
+
+impl fmt::Debug for Reply {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Reply").finish_non_exhaustive()
+    }
 }
 
 #[cfg(test)]
@@ -127,6 +159,20 @@ mod tests {
         ] {
             assert_eq!(read(bad), None, "{bad}");
         }
+    }
+
+    #[test]
+    fn dropped_reply_says_that_the_run_ended() {
+        let (sender, outcomes) = std::sync::mpsc::channel();
+        let reply = || {
+            let sender = sender.clone();
+            Reply::new(move |outcome| sender.send(outcome).expect("a test listens"))
+        };
+        reply().send(Ok(()));
+        assert_eq!(outcomes.try_iter().collect::<Vec<_>>(), [Ok(())]);
+        drop(reply());
+        let ended = Err("the run has ended".to_owned());
+        assert_eq!(outcomes.try_iter().collect::<Vec<_>>(), [ended]);
     }
 
     #[test]

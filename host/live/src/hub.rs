@@ -77,6 +77,7 @@ pub struct Hub {
     clients: AtomicUsize,
     controls: Mutex<Option<ControlsHandle>>,
     drop_source: OnceLock<DropSource>,
+    scale: OnceLock<String>,
 }
 
 /// Function that counts the images of each camera that never came to the loop, by reason.
@@ -129,6 +130,7 @@ impl Hub {
             clients: AtomicUsize::new(0),
             controls: Mutex::default(),
             drop_source: OnceLock::new(),
+            scale: OnceLock::new(),
         });
         let mut encoder = Encoder::new(&hub.setup.rig);
         let theirs = Arc::downgrade(&hub);
@@ -194,6 +196,11 @@ impl Hub {
     /// first source stays.
     pub fn set_drop_source(&self, source: DropSource) {
         let _ = self.drop_source.set(source);
+    }
+
+    /// Shows the origin of the page's mm and limits beside them. The first one stays.
+    pub fn set_scale(&self, scale: String) {
+        let _ = self.scale.set(scale);
     }
 
     /// Adds a note to the list of every page.
@@ -298,6 +305,7 @@ impl Hub {
             "cameras": cameras,
             "size_px": rig.image_size_px,
             "travel_mm": stage.travel_mm,
+            "scale": self.scale.get(),
             "on_stage": *mounting == Mounting::OnStage,
             "has_control": offers.is_some(),
             "offers": offers.unwrap_or_default(),

@@ -7,18 +7,22 @@
 //! | `{"key": "..."}` | shows a key from before |
 //! | `{"do": {"stop": {}}, "id": 3}` | does an action; needs a key before |
 //!
-//! To the page go the messages `hello`, `state`, `control` and `done` (JSON) and image sets
-//! (binary, see `images`). The next image set waits until the last one was drawn.
+//! To the page go the messages `hello`, `state`, `control`, `done` and `alive` (JSON) and image
+//! sets (binary, see `images`). The next image set waits until the last one was drawn. An action is
+//! `done` when the station has answered it; meanwhile the page may send further messages. `alive`
+//! comes every [`ALIVE`] whatever the run does, so that a page notices a program that hangs.
 
 use crate::access::Access;
-use crate::controls::Action;
+use crate::controls::{Action, Reply};
 use crate::hub::{ControlsHandle, Hub};
 use axum::extract::ws::{Message, WebSocket};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use serde_json::{Value, json};
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::time::{Instant, sleep_until, timeout};
 
 /// Least time between two states: 60 a second.
@@ -26,6 +30,15 @@ const PERIOD: Duration = Duration::from_millis(16);
 
 /// Longest time for a page to take a message, after which it is dropped.
 const SEND_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Period of the sign of life.
+const ALIVE: Duration = Duration::from_millis(500);
+
+/// Longest time for the outcome of an action: longer than a stage ramps down before a reset.
+const OUTCOME_PATIENCE: Duration = Duration::from_secs(12);
+
+/// Largest number of actions of one page without an outcome.
+const MOST_PENDING: usize = 16;
 
 /// Longest time without a key on an address that other computers reach.
 const KEY_PATIENCE: Duration = Duration::from_secs(5);
@@ -66,7 +79,14 @@ struct Page {
     sent: u64,
     /// Number of the last image set that was drawn.
     drawn: u64,
+    /// Numbers of the actions without an outcome, each with its deadline, the earliest first.
+    pending: VecDeque<(Instant, u64)>,
+    outcomes: UnboundedReceiver<(u64, Outcome)>,
+    outcome_sender: UnboundedSender<(u64, Outcome)>,
 }
+
+/// Outcome of an action: done, or the reason why not, in words.
+type Outcome = Result<(), String>;
 
 /// End of a conversation: the page left, is too slow, or sent nonsense.
 struct Gone;
@@ -74,6 +94,7 @@ struct Gone;
 /// Serves a page until it leaves. On an address that is not `is_open`, it gets nothing before it
 /// has shown a key.
 pub async fn attend(socket: WebSocket, hub: Arc<Hub>, is_open: bool) {
+    let (outcome_sender, outcomes) = unbounded_channel();
     let mut page = Page {
         socket,
         controls: hub.controls(),
@@ -83,6 +104,9 @@ pub async fn attend(socket: WebSocket, hub: Arc<Hub>, is_open: bool) {
         noted: 0,
         sent: 0,
         drawn: 0,
+        pending: VecDeque::new(),
+        outcomes,
+        outcome_sender,
     };
     if !is_open && timeout(KEY_PATIENCE, page.until_key()).await.is_err() {
         return;
@@ -112,9 +136,22 @@ impl Page {
         let mut changed = self.hub.subscribe();
         changed.mark_changed();
         let mut next = Instant::now();
+        let mut alive = Instant::now() + ALIVE;
         loop {
+            let deadline = self.pending.front().map(|(deadline, _)| *deadline);
             tokio::select! {
+                // An outcome goes before the notes that follow from it.
+                biased;
+                // This page keeps a sender, so that there is always a next outcome.
+                Some((id, outcome)) = self.outcomes.recv() => self.finish(id, outcome).await?,
                 message = self.socket.recv() => self.take(message).await?,
+                () = sleep_until(deadline.unwrap_or(alive)), if deadline.is_some() => {
+                    self.give_up().await?;
+                }
+                () = sleep_until(alive) => {
+                    alive = Instant::now() + ALIVE;
+                    self.send(Message::text(json!({"type": "alive"}).to_string())).await?;
+                }
                 is_alive = async {
                     sleep_until(next).await;
                     changed.changed().await
@@ -184,11 +221,31 @@ impl Page {
                 let error = "unknown action, field or value".to_owned();
                 self.answer(id, Some(error)).await
             }
-            Request::Do { r#do: action, id } => {
-                let error = self.act(action).err();
-                self.answer(id, error).await
-            }
+            Request::Do { r#do: action, id } => match self.act(action, id) {
+                Some(outcome) => self.answer(id, outcome.err()).await,
+                None => Ok(()),
+            },
         }
+    }
+
+    /// Answers an action whose outcome has come, unless it was given up.
+    async fn finish(&mut self, id: u64, outcome: Outcome) -> Result<(), Gone> {
+        let Some(at) = self.pending.iter().position(|(_, known)| *known == id) else {
+            return Ok(());
+        };
+        self.pending.remove(at);
+        self.answer(id, outcome.err()).await
+    }
+
+    /// Answers the action whose outcome does not come.
+    async fn give_up(&mut self) -> Result<(), Gone> {
+        let Some((_, id)) = self.pending.pop_front() else {
+            return Ok(());
+        };
+        let patience_s = OUTCOME_PATIENCE.as_secs();
+        let reason =
+            format!("the run did not answer within {patience_s} s; see what the stage does");
+        self.answer(id, Some(reason)).await
     }
 
     /// Answers a request for an action.
@@ -208,18 +265,35 @@ impl Page {
         self.send(Message::text(answer.to_string())).await
     }
 
-    fn act(&self, action: Action) -> Result<(), String> {
+    /// Does an action; returns its outcome if that is known at once.
+    fn act(&mut self, action: Action, id: u64) -> Option<Outcome> {
         let handle = match &self.controls {
             Some(handle) if self.may_control => handle,
-            _ => return Err("this page only watches: open the control link".to_owned()),
-        };
-        action.check()?;
-        match action {
-            Action::Stop {} => {
-                handle.controls.stop();
-                Ok(())
+            _ => {
+                return Some(Err(
+                    "this page only watches: open the control link".to_owned()
+                ));
             }
-            action => handle.controls.request(action),
+        };
+        if let Err(reason) = action.check() {
+            return Some(Err(reason));
         }
+        if matches!(action, Action::Stop {}) {
+            handle.controls.stop();
+            return Some(Ok(()));
+        }
+        if self.pending.len() >= MOST_PENDING {
+            let reason = format!("{MOST_PENDING} actions of this page have no answer yet; wait");
+            return Some(Err(reason));
+        }
+        self.pending
+            .push_back((Instant::now() + OUTCOME_PATIENCE, id));
+        let sender = self.outcome_sender.clone();
+        let reply = Reply::new(move |outcome| {
+            // A page that has left needs no outcome.
+            let _ = sender.send((id, outcome));
+        });
+        handle.controls.request(action, reply);
+        None
     }
 }

@@ -205,6 +205,7 @@ fn condition(status: &Status) -> Value {
         "next": diagnosis::next_step(status),
         "fault": fault,
         "trust": diagnosis::trust(status.trust),
+        "position": diagnosis::position(status.trust),
         "sight": diagnosis::sight(status.sight),
         "seen_ms": status.seen_ms,
         "motors": status.motors,

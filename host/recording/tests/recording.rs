@@ -178,6 +178,18 @@ fn foreign_and_empty_files_are_named() {
     assert!(error.reason.contains("cannot read"), "{error}");
 }
 
+#[test]
+fn file_without_its_beginning_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let rest = [&[7; 100_000][..], mcap::MAGIC].concat();
+    std::fs::write(&path, rest).unwrap();
+    let error = Survey::of(&Source::open(&path).unwrap()).unwrap_err();
+    for part in ["lost its beginning", "copy the whole file"] {
+        assert!(error.reason.contains(part), "{error}");
+    }
+}
+
 /// A file whose records claim more than is there costs no memory.
 #[test]
 fn huge_claims_are_refused() {

@@ -11,6 +11,7 @@
 //! | a symbolic link | what it leads to is written, the link stays |
 //! | a pipe, a terminal, `/dev/null`, `/dev/stdout` | written in place |
 //! | a folder, a disk, a socket | refused |
+//! | a file to which another run streams | refused |
 //! | a file that this run has read | refused, through links too, even with `--force` |
 //!
 //! Only a new version of a rig file may replace an input: the rig file of which it is a version.
@@ -22,6 +23,7 @@ use std::path::{Path, PathBuf};
 use crate::error::InputError;
 use crate::input::{self, Identity};
 
+mod claim;
 mod place;
 mod staged;
 
@@ -157,6 +159,9 @@ impl Output {
         if let Place::File(target) = &opened.place
             && target.exists()
         {
+            if claim::is_claimed(target) {
+                return Err(in_use(path));
+            }
             match replace {
                 Replace::Anything => {}
                 Replace::Own(kind) if kind.is_at(target).map_err(unwritable)? => {}
@@ -209,9 +214,12 @@ impl Output {
     /// the place of an existing one at once, so that the old content is gone as soon as the first
     /// byte of the new is written, and the two never mix.
     ///
+    /// The file is locked until it is closed, so that no other run streams to it meanwhile. The
+    /// system releases the lock of a program that crashes.
+    ///
     /// # Errors
-    /// If the file cannot be written, an existing file is then unchanged; if it is standard output
-    /// or standard error.
+    /// If the file cannot be written, an existing file is then unchanged; if another run streams to
+    /// it; if it is standard output or standard error.
     pub fn stream(self) -> Result<File, InputError> {
         self.refuse_input()?;
         let opened = match &self.place {
@@ -219,7 +227,10 @@ impl Output {
             Place::Stream(file) => file.try_clone(),
             Place::Output | Place::Error => Err(io::Error::other("not to a terminal; name a file")),
         };
-        opened.map_err(|cause| unwritten(&self.path, &cause))
+        opened.map_err(|cause| match cause.kind() {
+            io::ErrorKind::ResourceBusy => in_use(&self.path),
+            _ => unwritten(&self.path, &cause),
+        })
     }
 
     /// Writes the file.
@@ -258,6 +269,11 @@ pub fn write_all<C: AsRef<[u8]>>(outputs: Vec<(Output, C)>) -> Result<(), InputE
         written.map_err(|cause| unwritten(&output.path, &cause))?;
     }
     staged::commit(staged).map_err(|(path, cause)| unwritten(&path, &cause))
+}
+
+fn in_use(path: &Path) -> InputError {
+    let reason = "another run writes this file at present; end that run, or name another file";
+    InputError::file(path, reason)
 }
 
 fn unwritten(path: &Path, cause: &io::Error) -> InputError {

@@ -3,9 +3,9 @@
 mod cameras;
 mod recordings;
 mod simulated;
+mod station;
 
 use super::live_page::LivePage;
-use super::port::PortOption;
 use super::range;
 use super::record::{Origin, RecordOption};
 use super::scene::SceneOptions;
@@ -13,6 +13,7 @@ use crate::commands::by_hand::on_interrupt;
 use crate::commands::failure::Failure;
 use clap::Args;
 use recordings::FolderRecordings;
+use station::StationOption;
 use std::io::Write;
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
@@ -38,8 +39,8 @@ const SCENE: &str = "Without --cameras: the simulated target";
 ///
 /// Without a port the station is a simulated one in real time, whose cameras watch a moving poster:
 /// everything can be tried without hardware. The page shows the images with their points,
-/// displacement, error, stage and state. It only shows, unless --control prints a link that opens
-/// it with STOP, jog, zero, home and following.
+/// displacement, error, stage and state. It only shows, and changes nothing at the station, unless
+/// --control prints a link that opens it with STOP, jog, zero, home and following.
 ///
 /// Runs until Ctrl-C, which stops the stage.
 #[derive(Debug, Args)]
@@ -66,7 +67,7 @@ pub struct ServeOptions {
     foxglove: Option<SocketAddr>,
 
     #[command(flatten)]
-    station: PortOption,
+    station: StationOption,
 
     /// The rig file (TOML): its cameras, and its stage
     ///
@@ -153,6 +154,11 @@ Examples:
   trinocular serve --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto";
 
 impl ServeOptions {
+    /// Returns true if the page only shows its station.
+    fn only_shows(&self) -> bool {
+        !self.control && !self.follow
+    }
+
     /// Returns the largest difference of capture times within a frame set, ms.
     fn window_ms(&self) -> f64 {
         self.window.unwrap_or((500.0 / self.fps).min(5.0))
@@ -229,6 +235,17 @@ fn serve<B: Bench>(
         page.stream(address)?;
     }
     let hub = Arc::clone(page.hub());
+    if port.is_some() {
+        let arrival = station::arrival(bench.station(), options);
+        notice!("{arrival}");
+        hub.note(arrival);
+        if let Some(scale) = station::scale(options) {
+            notice!("{scale}");
+            hub.set_scale(scale);
+        }
+    } else if let Some(serial) = bench.station().serial_mut() {
+        serial.set_ends_with_station();
+    }
     if let Some(drops) = drops {
         hub.set_drop_source(drops);
     }

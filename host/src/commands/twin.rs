@@ -12,11 +12,10 @@ use console::{Console, Order};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
-use std::time::Duration;
 use trinocular::servo::path::TargetPath;
 use trinocular_client::ports;
 use trinocular_client::stage::default_stage;
-use trinocular_client::twin::far_end::{FarEnd, TcpPort};
+use trinocular_client::twin::far_end::{Plug, TcpPort};
 use trinocular_client::twin::real_time::RealTimeTwin;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
@@ -102,16 +101,18 @@ pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
     let console = Console::start();
     let mut buffer = [0; 1024];
     while !stop.load(Ordering::Relaxed) {
-        let count = port.read(&mut buffer)?;
+        let count = port.end.read(&mut buffer)?;
         let bytes = twin.turn(&buffer[..count]);
-        port.write(&bytes);
+        if !bytes.is_empty() {
+            port.end.write(&bytes);
+        }
         if let Some(lab) = &mut lab {
             lab.at(twin.now(), twin.position_mm());
         }
         match console.order() {
             None => {}
             Some(Order::Quit) => break,
-            Some(Order::Unplug) => port.end = None,
+            Some(Order::Unplug) => port.end.unplug(),
             Some(Order::Plug) => port.plug()?,
             Some(Order::Where) => {
                 let [x, y, z] = twin.position_mm();
@@ -140,7 +141,7 @@ fn rig(path: Option<&Path>) -> Result<RigFile, Failure> {
 }
 
 #[cfg(unix)]
-fn lab(options: &TwinOptions, rig: &RigFile, port: &Port<'_>) -> Result<lab::Lab, Failure> {
+fn lab(options: &TwinOptions, rig: &RigFile, port: &Port) -> Result<lab::Lab, Failure> {
     let setup = lab::LabSetup {
         rig: &rig.rig,
         texture: Texture::of_kind(options.scene.texture, options.scene.seed),
@@ -153,7 +154,7 @@ fn lab(options: &TwinOptions, rig: &RigFile, port: &Port<'_>) -> Result<lab::Lab
 }
 
 #[cfg(not(unix))]
-fn lab(_: &TwinOptions, _: &RigFile, _: &Port<'_>) -> Result<NoLab, Failure> {
+fn lab(_: &TwinOptions, _: &RigFile, _: &Port) -> Result<NoLab, Failure> {
     let reason = "--with-target needs local sockets, which this system does not have";
     Err(Failure::Usage(reason.to_owned()))
 }
@@ -169,63 +170,33 @@ impl NoLab {
     }
 }
 
-/// The simulated port: its far end, and the way to open it again.
-struct Port<'a> {
-    options: &'a TwinOptions,
-    end: Option<Box<dyn FarEnd>>,
+/// The simulated port.
+struct Port {
+    end: Box<dyn Plug>,
     /// Value of --port for the other programs.
     name: String,
     /// Link to the pseudo-terminal; empty with TCP.
     link: PathBuf,
 }
 
-impl<'a> Port<'a> {
-    fn open(options: &'a TwinOptions) -> Result<Self, Failure> {
+impl Port {
+    fn open(options: &TwinOptions) -> Result<Self, Failure> {
         let link = link(options)?;
-        let (end, name) = far_end(options, &link, options.tcp.as_deref())?;
-        Ok(Self {
-            options,
-            end: Some(end),
-            name,
-            link,
-        })
+        let (end, name) = far_end(options, &link)?;
+        Ok(Self { end, name, link })
     }
 
     fn plug(&mut self) -> Result<(), Failure> {
-        if self.end.is_none() {
-            // The same address again, if the system chose it before.
-            let (end, _) = far_end(self.options, &self.link, self.name.strip_prefix("tcp://"))?;
-            self.end = Some(end);
-        }
-        Ok(())
-    }
-
-    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Failure> {
-        match &mut self.end {
-            Some(end) => Ok(end.read(buffer)?),
-            None => {
-                std::thread::sleep(Duration::from_millis(1));
-                Ok(0)
-            }
-        }
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        if let Some(end) = &mut self.end
-            && !bytes.is_empty()
-        {
-            end.write(bytes);
-        }
+        self.end.plug().map_err(|cause| {
+            let reason = format!("cannot be plugged in again: {cause}");
+            InputError::file(Path::new(&self.name), reason).into()
+        })
     }
 }
 
 /// Opens the far end; returns it with the value of --port for the other programs.
-fn far_end(
-    options: &TwinOptions,
-    link: &Path,
-    tcp: Option<&str>,
-) -> Result<(Box<dyn FarEnd>, String), Failure> {
-    if let Some(address) = tcp {
+fn far_end(options: &TwinOptions, link: &Path) -> Result<(Box<dyn Plug>, String), Failure> {
+    if let Some(address) = &options.tcp {
         let failed = |cause: io::Error| {
             let reason = format!("cannot listen: {cause}");
             Failure::from(InputError::file(Path::new(address), reason))
@@ -253,7 +224,7 @@ fn link(options: &TwinOptions) -> Result<PathBuf, Failure> {
 }
 
 #[cfg(unix)]
-fn pseudo_terminal(link: &Path) -> Result<Box<dyn FarEnd>, Failure> {
+fn pseudo_terminal(link: &Path) -> Result<Box<dyn Plug>, Failure> {
     use trinocular_client::twin::far_end::PseudoTerminal;
     let end = PseudoTerminal::open(link).map_err(|cause| {
         let reason = match cause.kind() {
@@ -272,7 +243,7 @@ fn pseudo_terminal(link: &Path) -> Result<Box<dyn FarEnd>, Failure> {
 }
 
 #[cfg(not(unix))]
-fn pseudo_terminal(_: &Path) -> Result<Box<dyn FarEnd>, Failure> {
+fn pseudo_terminal(_: &Path) -> Result<Box<dyn Plug>, Failure> {
     let reason = "this system has no pseudo-terminals; use --tcp 127.0.0.1:5333";
     Err(Failure::Usage(reason.to_owned()))
 }

@@ -70,26 +70,26 @@ impl PageRecording {
 
     /// Begins a recording. While the run follows, the recording begins with the images of the
     /// keyframe, so that a replay can measure the later ones.
+    ///
+    /// # Errors
+    /// The reason why it cannot begin, in words.
     pub fn begin(
         &mut self,
         hub: &Hub,
         station: &mut StationLink,
         (rig, keyframe): (&Rig, Option<&FrameSet>),
-    ) {
+    ) -> Result<(), String> {
         let Some(recordings) = &mut self.recordings else {
-            return;
+            return Err("this run is recorded as a whole, or not at all".to_owned());
         };
         if self.tap.is_some() {
-            return;
+            return Ok(());
         }
         let is_finishing = |thread: &JoinHandle<()>| !thread.is_finished();
         if self.finishing.as_ref().is_some_and(is_finishing) {
-            return hub.warn("the recording before is still being written; try again");
+            return Err("the recording before is still being written; try again".to_owned());
         }
-        let (file, tap) = match recordings.begin() {
-            Ok(begun) => begun,
-            Err(reason) => return hub.warn(reason),
-        };
+        let (file, tap) = recordings.begin()?;
         station.set_observer(Some(Arc::clone(&tap) as Arc<dyn StationObserver>));
         tap.reach(station.now().micros());
         if let Some(images) = keyframe {
@@ -99,6 +99,7 @@ impl PageRecording {
         }
         self.tap = Some(tap);
         hub.set_recording(Some(file));
+        Ok(())
     }
 
     /// Ends a recording that a page started. A thread waits for the disk, so that the loop does not.

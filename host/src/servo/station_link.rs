@@ -44,6 +44,19 @@ pub enum StationPlace<'a> {
         /// computer.
         heartbeat_ms: u16,
     },
+    /// Station on a serial port that keeps its position, a stop and its faults; it only gets the
+    /// configuration ([`Serial::take_over`]).
+    Kept {
+        /// Path of the port.
+        path: &'a str,
+        /// Heartbeat timeout, ms, as for [`StationPlace::Port`].
+        heartbeat_ms: u16,
+    },
+    /// Station on a serial port that is only shown: nothing at it is changed ([`Serial::show`]).
+    Shown {
+        /// Path of the port.
+        path: &'a str,
+    },
 }
 
 /// Capture time of images, and the position of the cameras then.
@@ -131,19 +144,29 @@ impl StationLink {
                 Ok(Self::Twin(Box::new(twin)))
             }
             StationPlace::Port { path, heartbeat_ms } => {
-                let configuration = Config {
-                    heartbeat_ms,
-                    ..configuration(stage, mounting)?
-                };
+                let configuration = at_pace(stage, mounting, heartbeat_ms)?;
                 let serial = Serial::start_observed(path, configuration, observer)?;
-                let delay_us = serial.who().map_or(0, |hello| u64::from(hello.delay_us));
-                Ok(Self::Live(Live {
-                    serial,
-                    steps_per_mm: stage.steps_per_mm,
-                    delay_us,
-                }))
+                Ok(Self::live(serial, stage))
+            }
+            StationPlace::Kept { path, heartbeat_ms } => {
+                let configuration = at_pace(stage, mounting, heartbeat_ms)?;
+                let serial = Serial::take_over(path, configuration, observer)?;
+                Ok(Self::live(serial, stage))
+            }
+            StationPlace::Shown { path } => {
+                let serial = Serial::show(path, observer)?;
+                Ok(Self::live(serial, stage))
             }
         }
+    }
+
+    fn live(serial: Serial, stage: &Stage) -> Self {
+        let delay_us = serial.who().map_or(0, |hello| u64::from(hello.delay_us));
+        Self::Live(Live {
+            serial,
+            steps_per_mm: stage.steps_per_mm,
+            delay_us,
+        })
     }
 
     /// Sets the observer of every byte between host and station from now on. The built-in twin in
@@ -372,6 +395,14 @@ impl StationLink {
             Self::Live(live) => Some(&mut live.serial),
         }
     }
+}
+
+/// Returns the configuration of a stage with this heartbeat timeout.
+fn at_pace(stage: &Stage, mounting: Mounting, heartbeat_ms: u16) -> Result<Config, StationError> {
+    Ok(Config {
+        heartbeat_ms,
+        ..configuration(stage, mounting)?
+    })
 }
 
 const SILENT: StationError = StationError::Silent {

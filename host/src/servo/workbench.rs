@@ -6,25 +6,32 @@
 //!
 //! While nothing is followed, other runs of the program may drive the station through this one
 //! ([`Access::Open`]).
+//!
+//! Each request is answered when the station has answered it (`actions`). A jog that comes while
+//! the stage still moves is refused, because the station would replace the rest of the earlier one.
+
+mod actions;
+mod desk;
+
+pub use desk::Desk;
 
 use super::ServoError;
 use super::live::LiveObserver;
 use super::observer::ServoObserver;
 use super::page_recording::PageRecording;
-use super::station_link::StationLink;
-use super::visual_servo::VisualServo;
+use super::station_link::{FrameRefusal, StationLink};
+use super::visual_servo::{ServoOutcome, VisualServo};
+use desk::Request;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::{Duration, Instant as HostInstant};
 use trinocular_client::StationError;
 use trinocular_client::diagnosis;
-use trinocular_client::serial::{Access, Stopper};
-use trinocular_core::frame::message::{Command, Denial, Status};
+use trinocular_client::serial::Access;
 use trinocular_core::rig::Rig;
-use trinocular_core::safety::State;
 use trinocular_core::time::Instant;
-use trinocular_live::controls::{Action, Offers};
-use trinocular_live::{Controls, Hub};
+use trinocular_live::Hub;
+use trinocular_live::controls::{Offers, Reply};
 use trinocular_rig::rig_file::Stage;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::sums::Estimator;
@@ -35,8 +42,16 @@ const REQUESTS: usize = 16;
 /// Longest time for a stage to come to rest before a reset.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
 
-/// Name of the page in messages.
-const PAGE: &str = "the live page";
+/// Outcome of a request: done, or the reason why not, in words.
+type Outcome = Result<(), String>;
+
+/// Reset that waits for the stage to stand.
+#[derive(Debug)]
+struct Reset {
+    deadline: HostInstant,
+    /// Way back to the page that asked for it.
+    reply: Option<Reply>,
+}
 
 /// Images of one instant.
 #[derive(Debug)]
@@ -59,35 +74,6 @@ pub trait Bench {
     fn station(&mut self) -> &mut StationLink;
 }
 
-/// Controls of a workbench, for the threads of its pages.
-#[derive(Debug)]
-pub struct Desk {
-    stopper: Option<Stopper>,
-    offers: Offers,
-    requests: SyncSender<Action>,
-}
-
-impl Controls for Desk {
-    fn offers(&self) -> Offers {
-        self.offers
-    }
-
-    fn stop(&self) {
-        if let Some(stopper) = &self.stopper {
-            stopper.stop(PAGE);
-        }
-        // The loop notices the stop by itself; a full queue is no reason to fail.
-        let _ = self.requests.try_send(Action::Stop {});
-    }
-
-    fn request(&self, action: Action) -> Result<(), String> {
-        self.requests.try_send(action).map_err(|error| match error {
-            TrySendError::Full(_) => "the station is busy; try again".to_owned(),
-            TrySendError::Disconnected(_) => "the run has ended".to_owned(),
-        })
-    }
-}
-
 /// Loop that owns the station.
 #[derive(Debug)]
 pub struct Workbench<B> {
@@ -96,10 +82,11 @@ pub struct Workbench<B> {
     stage: Stage,
     estimator: Estimator,
     hub: Arc<Hub>,
-    requests: Receiver<Action>,
+    requests: Receiver<Request>,
     servo: Option<VisualServo>,
-    /// Deadline of a reset that waits for the stage to stand.
-    reset: Option<HostInstant>,
+    /// Way back to the page that asked to follow, until the station has answered a frame.
+    starting: Option<Reply>,
+    reset: Option<Reset>,
     recording: PageRecording,
     /// Images of the keyframe, while the target is followed.
     keyframe: Option<FrameSet>,
@@ -136,6 +123,7 @@ impl<B: Bench> Workbench<B> {
             hub,
             requests,
             servo: None,
+            starting: None,
             reset: None,
             recording,
             keyframe: None,
@@ -154,7 +142,8 @@ impl<B: Bench> Workbench<B> {
 
     /// Starts to follow with the next images, without a request.
     pub fn follow_at_once(&mut self) {
-        self.begin();
+        // A refusal is a warning on the page.
+        let _ = self.begin();
     }
 
     /// Runs until `is_over` returns true, the images end or the station is lost. A stage that still
@@ -176,8 +165,8 @@ impl<B: Bench> Workbench<B> {
 
     fn turn_until(&mut self, is_over: impl Fn() -> bool) -> Result<(), ServoError> {
         while !is_over() {
-            while let Ok(action) = self.requests.try_recv() {
-                self.act(action)?;
+            while let Ok(request) = self.requests.try_recv() {
+                self.act(request)?;
             }
             self.try_reset()?;
             self.recording.check(&self.hub, self.bench.station());
@@ -208,17 +197,40 @@ impl<B: Bench> Workbench<B> {
                     self.keyframe = Some(shot.images.clone());
                 }
                 Err(refusal) => {
-                    self.hub
-                        .warn(format!("these images cannot be the reference: {refusal}"));
-                    self.end_following();
+                    let reason = format!("these images cannot be the reference: {refusal}");
+                    self.hub.warn(reason.clone());
+                    self.end_following(reason);
                 }
             }
             return Ok(());
         }
         let station = self.bench.station();
         match servo.step(station, &shot.images, shot.taken, None) {
-            Ok(_) => Ok(()),
+            Ok(step) => {
+                self.judge_start(&step.outcome);
+                Ok(())
+            }
             Err(error) => self.forgive(error),
+        }
+    }
+
+    /// Answers the page that asked to follow, by the station's answer to the first frame. A station
+    /// that refuses what it has to do with its own condition is not asked again.
+    fn judge_start(&mut self, outcome: &ServoOutcome) {
+        let Some(reply) = self.starting.take() else {
+            return;
+        };
+        match outcome {
+            ServoOutcome::Unused(FrameRefusal::Denied(denial))
+                if diagnosis::remedy(*denial).is_some() =>
+            {
+                let (command, denial) = ("following", *denial);
+                let refusal = self.refused(&StationError::Denied { command, denial }, denial);
+                self.end_following(refusal.clone());
+                reply.send(Err(refusal));
+            }
+            // Images that give no measurement are no refusal: the target may come back.
+            _ => reply.send(Ok(())),
         }
     }
 
@@ -226,28 +238,31 @@ impl<B: Bench> Workbench<B> {
     fn forgive(&mut self, error: StationError) -> Result<(), ServoError> {
         match error {
             StationError::StoppedByOther { by } => {
+                let reason = format!("stopped by {by}");
                 // Requests from before the stop must not undo it.
-                while self.requests.try_recv().is_ok() {}
-                self.end_following();
-                self.reset = None;
+                while let Ok(request) = self.requests.try_recv() {
+                    request.reply.send(Err(reason.clone()));
+                }
+                self.cancel_reset(&reason);
+                self.end_following(reason.clone());
                 // The station itself stays stopped until a reset.
                 if let Some(serial) = self.bench.station().serial_mut() {
                     serial.forgive_stop();
                 }
-                self.hub.warn(format!("stopped by {by}"));
+                self.hub.warn(reason);
                 Ok(())
             }
             StationError::Faulted(fault) => {
+                let text = diagnosis::fault(fault);
+                let reason = format!("fault {}: {}", fault.number(), text.cause);
                 if self.servo.is_some() {
-                    let text = diagnosis::fault(fault);
-                    let number = fault.number();
-                    self.hub.warn(format!("fault {number}: {}", text.cause));
+                    self.hub.warn(reason.clone());
                 }
-                self.end_following();
+                self.end_following(reason);
                 Ok(())
             }
             error @ StationError::Interrupted { .. } => {
-                self.end_following();
+                self.end_following(error.to_string());
                 self.hub.warn(error.to_string());
                 Ok(self.bench.station().resume(error)?)
             }
@@ -255,42 +270,70 @@ impl<B: Bench> Workbench<B> {
         }
     }
 
-    fn end_following(&mut self) {
+    /// Ends following; a page whose request to follow has no answer yet gets this reason.
+    fn end_following(&mut self, reason: String) {
+        if let Some(reply) = self.starting.take() {
+            reply.send(Err(reason));
+        }
         self.servo = None;
         self.keyframe = None;
         self.share();
         self.hub.set_following(false);
     }
 
+    fn cancel_reset(&mut self, reason: &str) {
+        if let Some(reply) = self.reset.take().and_then(|reset| reset.reply) {
+            reply.send(Err(reason.to_owned()));
+        }
+    }
+
     /// Makes sure that no other run drives the station and that it has this run's configuration;
     /// a warning on the page says why not.
-    fn take_over(&mut self) -> bool {
+    fn take_over(&mut self) -> Outcome {
         let Some(serial) = self.bench.station().serial_mut() else {
-            return true;
+            return Ok(());
         };
         let taken = serial
             .set_access(Access::Busy)
             .and_then(|()| serial.restore_configuration());
-        if let Err(error) = &taken {
+        taken.map_err(|error| {
             self.hub.warn(error.to_string());
             self.share();
-        }
-        taken.is_ok()
+            error.to_string()
+        })
     }
 
-    fn begin(&mut self) {
-        if !self.take_over() {
-            return;
+    /// Starts to follow with the next images, if the station is ready for it.
+    fn begin(&mut self) -> Outcome {
+        let station = self.bench.station();
+        // A status from before the last command would name a state that has passed.
+        let fresh = station
+            .serial()
+            .and_then(|serial| serial.fresh_status(true).ok());
+        let status = fresh.or_else(|| station.status());
+        let unready = status.and_then(|status| {
+            let state = diagnosis::state(status.state).name;
+            let next = diagnosis::next_step(&status)?;
+            Some(format!(
+                "cannot follow: the station is {state}; to do: {next}"
+            ))
+        });
+        if let Some(reason) = unready {
+            self.hub.warn(reason.clone());
+            return Err(reason);
         }
+        self.take_over()?;
         match VisualServo::new(&self.rig, self.estimator) {
             Ok(mut servo) => {
                 servo.set_observers(self.observers());
                 self.servo = Some(servo);
                 self.hub.set_following(true);
+                Ok(())
             }
             Err(refusal) => {
                 self.hub.warn(refusal.to_string());
                 self.share();
+                Err(refusal.to_string())
             }
         }
     }
@@ -303,120 +346,19 @@ impl<B: Bench> Workbench<B> {
     }
 
     /// Starts or ends a recording, and goes on with what is followed.
-    fn record(&mut self, on: bool) {
+    fn record(&mut self, on: bool) -> Outcome {
         let station = self.bench.station();
         match on {
             true => {
-                let keyframe = self.keyframe.as_ref();
-                self.recording
-                    .begin(&self.hub, station, (&self.rig, keyframe));
+                let view = (&self.rig, self.keyframe.as_ref());
+                let begun = self.recording.begin(&self.hub, station, view);
+                begun.inspect_err(|reason| self.hub.warn(reason.clone()))?;
             }
             false => self.recording.end(&self.hub, station),
         }
         let observers = self.observers();
         if let Some(servo) = &mut self.servo {
             servo.set_observers(observers);
-        }
-    }
-
-    fn act(&mut self, action: Action) -> Result<(), ServoError> {
-        match action {
-            Action::Stop {} => {
-                // A reset from before the stop must not undo it.
-                self.reset = None;
-                // Stopped already from the thread of the page; this notices it if nothing moves.
-                let station = self.bench.station();
-                match station.serial().map(|serial| serial.check()) {
-                    Some(Err(error)) => self.forgive(error)?,
-                    _ => {
-                        self.send("stop", Command::Stop)?;
-                    }
-                }
-            }
-            Action::Reset {} => self.reset = Some(HostInstant::now() + REST_PATIENCE),
-            Action::Follow { on: true } if self.servo.is_some() => {}
-            Action::Follow { on: true } => self.begin(),
-            Action::Follow { on: false } => {
-                if self.servo.is_some() {
-                    self.end_following();
-                    self.hub.note("following ended");
-                    // A stop and a reset: the stage comes to rest instead of running on to its
-                    // prediction, and is ready again.
-                    self.send("stop", Command::Stop)?;
-                    self.reset = Some(HostInstant::now() + REST_PATIENCE);
-                }
-            }
-            Action::Record { on } => self.record(on),
-            Action::Mark { text } => {
-                self.recording.event("mark", &text);
-                self.hub.mark(text);
-            }
-            Action::Jog { .. } | Action::Zero {} | Action::Home {} if self.servo.is_some() => {
-                self.hub.warn("end following first");
-            }
-            Action::Jog { distance_um } => {
-                self.drive("jog", Command::Jog { distance_um })?;
-            }
-            Action::Zero {} => {
-                if self.drive("zero", Command::Zero)? {
-                    self.hub.note("zero is here");
-                }
-            }
-            Action::Home {} => {
-                let axes = self.stage.care.home.map(|home| home.is_some());
-                self.drive("home", Command::Home { axes })?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Sends a command that needs the station for this run; returns true if it was accepted.
-    fn drive(&mut self, name: &'static str, command: Command) -> Result<bool, ServoError> {
-        let is_accepted = self.take_over() && self.send(name, command)?;
-        self.share();
-        Ok(is_accepted)
-    }
-
-    /// Sends a command; a refusal becomes a warning on the page. Returns true if it was accepted.
-    fn send(&mut self, name: &'static str, command: Command) -> Result<bool, ServoError> {
-        match self.bench.station().command(name, command) {
-            Ok(()) => return Ok(true),
-            Err(error @ StationError::Denied { denial, .. }) => self.refused(&error, denial),
-            Err(error) => self.forgive(error)?,
-        }
-        Ok(false)
-    }
-
-    /// Warns of a refusal, with its remedy.
-    fn refused(&self, error: &StationError, denial: Denial) {
-        let remedy = diagnosis::remedy(denial).map(|remedy| format!("; {remedy}"));
-        self.hub
-            .warn(format!("{error}{}", remedy.unwrap_or_default()));
-    }
-
-    /// Resets the station once its stage stands.
-    fn try_reset(&mut self) -> Result<(), ServoError> {
-        let Some(end) = self.reset else {
-            return Ok(());
-        };
-        let station = self.bench.station();
-        let state = station.status().map(|status: Status| status.state);
-        let is_moving = state.is_none_or(State::is_moving);
-        if is_moving && HostInstant::now() < end {
-            return Ok(());
-        }
-        match station.command("reset", Command::Reset) {
-            Ok(()) => self.reset = None,
-            // The ramp or the report of the fault is still under way.
-            Err(error) if error.is_passing() && HostInstant::now() < end => {}
-            Err(error @ StationError::Denied { denial, .. }) => {
-                self.reset = None;
-                self.refused(&error, denial);
-            }
-            Err(error) => {
-                self.reset = None;
-                self.forgive(error)?;
-            }
         }
         Ok(())
     }

@@ -40,7 +40,7 @@ pub(super) fn explain(path: &str, cause: &serialport::Error) -> StationError {
 
 /// Returns the user's next action after a port did not open.
 fn way_out(path: &str, cause: &serialport::Error) -> String {
-    use std::io::ErrorKind::{InvalidInput, NotFound, PermissionDenied};
+    use std::io::ErrorKind::{InvalidInput, NotConnected, NotFound, PermissionDenied};
     if path.starts_with(super::port::TCP) {
         return match cause.kind {
             serialport::ErrorKind::Io(InvalidInput) => {
@@ -64,6 +64,10 @@ fn way_out(path: &str, cause: &serialport::Error) -> String {
             )
         }
         serialport::ErrorKind::Io(NotFound) => absent(),
+        serialport::ErrorKind::Io(NotConnected) => {
+            "its pseudo-terminal may belong to another program by now; run `trinocular twin` again"
+                .to_owned()
+        }
         _ if is_absent => absent(),
         _ => "it may be no serial port: `trinocular ports` lists those of this computer".to_owned(),
     }

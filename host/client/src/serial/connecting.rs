@@ -9,8 +9,8 @@ use super::sender::Sender;
 use super::{LOOK, REST_PATIENCE, Serial, Shared, sharing};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
-use trinocular_core::frame::message::{Command, Config, Mounting};
-use trinocular_core::safety::Fault;
+use trinocular_core::frame::message::{Command, Config, Mounting, Status};
+use trinocular_core::safety::{Fault, State, Trust};
 use trinocular_rig::interruption;
 use trinocular_rig::rig_file::Stage;
 
@@ -20,6 +20,10 @@ const HELLO_PATIENCE: Duration = Duration::from_secs(3);
 
 /// Period of hello until the first answer.
 const HELLO_PERIOD: Duration = Duration::from_millis(250);
+
+/// Timeout for a stage that no host drives to come to rest: the longest heartbeat timeout, and a
+/// ramp.
+const LONE_PATIENCE: Duration = Duration::from_secs(20);
 
 impl Serial {
     /// Opens the line and identifies the station. Sends nothing but hello; no heartbeat yet. From
@@ -123,6 +127,8 @@ impl Serial {
             sender,
             threads: Vec::new(),
             cleared: None,
+            is_zeroed: false,
+            ends_with_station: false,
             _awake: interruption::Awake::begin(),
             stops: false,
         };
@@ -172,11 +178,7 @@ impl Serial {
         observer: Option<Arc<dyn StationObserver>>,
     ) -> Result<Self, StationError> {
         let mut serial = Self::connect_observed(path, observer)?;
-        let mismatches = serial.who().map(|hello| hello.mismatches());
-        let mismatches = mismatches.unwrap_or_default();
-        if !mismatches.is_empty() {
-            return Err(StationError::Mismatch(mismatches.to_vec()));
-        }
+        serial.check_firmware()?;
         // Without the heartbeat, which would keep a motion of a crashed host alive.
         serial.stop()?;
         serial.stops = false;
@@ -199,6 +201,85 @@ impl Serial {
         serial.command("zero", Command::Zero)?;
         serial.shared.line().configuration = Some(configuration);
         Ok(serial)
+    }
+
+    /// Connects to a station only to show it: sends hello and the heartbeat, which gives the
+    /// station's time, and changes nothing. If another program has the port, the reports come
+    /// through that program.
+    ///
+    /// The heartbeat begins when the stage stands, because it would keep a motion of a crashed host
+    /// alive.
+    ///
+    /// # Errors
+    /// As [`Serial::connect`]; [`StationError::Mismatch`] for other firmware;
+    /// [`StationError::Restless`] if the stage does not come to rest without a host.
+    pub fn show(
+        path: &str,
+        observer: Option<Arc<dyn StationObserver>>,
+    ) -> Result<Self, StationError> {
+        let mut serial = Self::connect_as(path, Purpose::Watch, observer)?;
+        serial.check_firmware()?;
+        if serial.owner().is_none() {
+            serial.wait_for_lone_stage()?;
+        }
+        serial.start_heartbeat()?;
+        Ok(serial)
+    }
+
+    /// Waits until a stage that no host drives has come to rest.
+    fn wait_for_lone_stage(&self) -> Result<(), StationError> {
+        let is_at_rest = |status: &Status| (!status.state.is_moving()).then_some(());
+        let end = Instant::now() + LONE_PATIENCE;
+        let rest = self.wait_until(end, |client| {
+            client.status_since_hello().and_then(is_at_rest)
+        })?;
+        let waited_s = LONE_PATIENCE.as_secs();
+        rest.ok_or(StationError::Restless { waited_s })
+    }
+
+    /// Connects to the station, starts the heartbeat and configures the stage. A stop and faults
+    /// stay latched, and a known position stays known; the present position becomes zero only if
+    /// it was never known and the station is ready ([`Serial::is_zeroed`]). A stage that moves is
+    /// stopped first.
+    ///
+    /// # Errors
+    /// As [`Serial::start`], except that a latched fault is none.
+    pub fn take_over(
+        path: &str,
+        configuration: Config,
+        observer: Option<Arc<dyn StationObserver>>,
+    ) -> Result<Self, StationError> {
+        let mut serial = Self::connect_observed(path, observer)?;
+        serial.check_firmware()?;
+        if serial.fresh_status(false)?.state.is_moving() {
+            // Without the heartbeat, which would keep a motion of a crashed host alive.
+            serial.stop()?;
+            serial.until_rest()?;
+            serial.stops = false;
+        }
+        serial.start_heartbeat()?;
+        serial.command("config", Command::Config(configuration))?;
+        serial.shared.line().configuration = Some(configuration);
+        let status = serial.fresh_status(true)?;
+        let is_ready = status.state == State::Idle && status.motors;
+        if is_ready && status.trust == Trust::Unknown {
+            serial.command("zero", Command::Zero)?;
+            serial.is_zeroed = true;
+        }
+        Ok(serial)
+    }
+
+    /// Returns true if [`Serial::take_over`] has made the present position zero.
+    pub fn is_zeroed(&self) -> bool {
+        self.is_zeroed
+    }
+
+    fn check_firmware(&self) -> Result<(), StationError> {
+        let mismatches = self.who().map(|hello| hello.mismatches());
+        match mismatches.unwrap_or_default() {
+            none if none.is_empty() => Ok(()),
+            list => Err(StationError::Mismatch(list.to_vec())),
+        }
     }
 
     fn hello(&self) -> Result<(), StationError> {

@@ -2,7 +2,8 @@
 //!
 //! A line is up, down or given up. It goes down when the port fails or the station answers no ping
 //! for [`SILENCE`]. From then on the port is closed, and opened again and greeted every [`RETRY`],
-//! until a station answers or the patience ends. A line that came back stays interrupted, without
+//! until a station answers or the patience ends. A pseudo-terminal is not opened again by its own
+//! name ([`terminal`](super::terminal)). A line that came back stays interrupted, without
 //! heartbeat, until the caller calls `resume`. So no motion goes on because a plug was put back.
 //!
 //! This module also repeats a stop, once begun, until it is answered or given up (`stop`).
@@ -17,6 +18,7 @@ use super::port::{self, Half, Halves};
 use super::sender::Sender;
 use super::sharing::Guests;
 use super::stop::{STOP_PATIENCE, Stop};
+use super::terminal::Terminal;
 use std::io;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -38,6 +40,10 @@ const STOP_PERIOD: Duration = Duration::from_millis(30);
 
 /// Number of unanswered stops after which a hello goes before the next one.
 const STOPS_PER_HELLO: u32 = 4;
+
+/// Reason why a lost pseudo-terminal is given up.
+const GONE: &str = "the program behind this pseudo-terminal has ended or was unplugged, and its \
+                    name may lead to another program by now, so it is not opened again";
 
 /// Condition of the line.
 enum Link {
@@ -70,6 +76,8 @@ pub(super) struct Line {
     /// Writing half, with the heartbeat.
     sender: Arc<Sender>,
     pub path: String,
+    /// The port, if it is a pseudo-terminal.
+    terminal: Option<Terminal>,
     pub client: Client,
     pings: bool,
     pub stop: Stop,
@@ -97,6 +105,7 @@ pub(super) struct Line {
 impl Line {
     /// Opens the port; if another program has it and lets others in, connects to that program.
     pub fn open(path: &str, purpose: Purpose, sender: Arc<Sender>) -> Result<Self, StationError> {
+        let terminal = Terminal::at(path);
         let (halves, owner) = match owner::connect_to_owner(path, purpose) {
             Some(Reception::Welcome(stream, owner)) => {
                 let halves = port::through(stream).map_err(serialport::Error::from);
@@ -116,6 +125,7 @@ impl Line {
             port: Some(reader),
             sender,
             path: path.to_owned(),
+            terminal,
             client: Client::default(),
             pings: false,
             stop: Stop::default(),
@@ -227,6 +237,13 @@ impl Line {
         sequence
     }
 
+    /// Returns true if the stage moves, or may move because of what went over this line.
+    pub fn is_moving(&self) -> bool {
+        let motion = self.client.motion();
+        let is_open = motion.may_go_on() || motion.is_on_its_ramp();
+        is_open || (self.client.status()).is_some_and(|status| status.state.is_moving())
+    }
+
     /// Sends hello.
     pub fn greet(&mut self) {
         self.sender.greet();
@@ -302,12 +319,29 @@ impl Line {
         }
         let is_pinged = self.pings && self.interruption.is_none();
         if is_pinged && self.heard.elapsed() > SILENCE {
-            self.lose(format!("no answer for {} s", SILENCE.as_secs()));
+            let reason = format!("no answer for {} s", SILENCE.as_secs());
+            // A silent pseudo-terminal is kept open, because its name may not be opened again.
+            match self.terminal {
+                Some(_) => self.go_down(reason),
+                None => self.lose(reason),
+            }
         }
     }
 
     fn lose(&mut self, reason: String) {
+        // The socket's own error names neither program nor way out.
+        let reason = match &self.owner {
+            Some(Holder { pid, command }) => format!(
+                "`{command}` (process {pid}), which had the port, has ended or closed this \
+                 connection; run this again"
+            ),
+            None => reason,
+        };
         self.set_port(None);
+        self.go_down(reason);
+    }
+
+    fn go_down(&mut self, reason: String) {
         if matches!(self.link, Link::Up) {
             if let Some(observer) = &self.observer {
                 observer.line_lost(self.sender.now_us(), &reason);
@@ -349,11 +383,24 @@ impl Line {
         if let Some(interruption) = self.judge(since, &cause) {
             self.interruption = Some(interruption);
             self.link = Link::Up;
-        } else if now.duration_since(since) > self.patience || self.session.is_none() {
+            return;
+        }
+        if self.sender.broken().is_some() {
             self.set_port(None);
-            self.link = Link::Over(cause);
-        } else if due {
-            if self.port.is_none() || self.sender.broken().is_some() {
+        }
+        let is_broken = self.port.is_none();
+        let terminal = self.terminal.filter(|_| is_broken && self.owner.is_none());
+        let is_gone = terminal.is_some_and(|terminal| terminal.is_gone(&self.path));
+        let is_spent = now.duration_since(since) > self.patience || self.session.is_none();
+        if is_gone || is_spent {
+            self.set_port(None);
+            self.link = Link::Over(match terminal {
+                Some(_) => format!("{cause}; {GONE}"),
+                None => cause,
+            });
+        } else if due && terminal.is_none_or(|terminal| terminal.is_back(&self.path)) {
+            if is_broken {
+                self.terminal = Terminal::at(&self.path);
                 let halves = port::open(&self.path).ok();
                 self.set_port(halves);
             }

@@ -2,8 +2,10 @@
 //! the program that has the port.
 
 use super::super::owner;
+use super::super::twin::link::is_left_behind;
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs as _};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Speed of a serial line, baud. USB ignores it; a UART link must use it.
@@ -31,13 +33,18 @@ pub(super) enum Half {
 /// Reading and writing half of one link.
 pub(super) type Halves = (Half, Half);
 
-/// Opens a serial port, or connects to `tcp://HOST:PORT`.
+/// Opens a serial port, or connects to `tcp://HOST:PORT`. A link that a crashed twin has left is
+/// refused, because its pseudo-terminal may be another program's by now.
 pub(super) fn open(path: &str) -> serialport::Result<Halves> {
     match path.strip_prefix(TCP) {
         Some(address) => {
             let stream = connect(address)?;
             Ok((Half::Tcp(stream.try_clone()?), Half::Tcp(stream)))
         }
+        None if is_left_behind(Path::new(path)) => Err(serialport::Error::new(
+            serialport::ErrorKind::Io(io::ErrorKind::NotConnected),
+            "the program that simulated a station here has crashed",
+        )),
         None => {
             let port = serialport::new(path, BAUD).timeout(WRITE_PATIENCE);
             let mut port = port.open()?;

@@ -7,7 +7,7 @@
 //! |---|---|
 //! | stop | stops, repeated until they are answered; this program's own motion ends by them |
 //! | watch | nothing; the guest gets the station's reports |
-//! | drive | every command, if this program allows it and no other guest drives |
+//! | drive | every command, if this program allows it and no other guest drives; jogs at rest only |
 //!
 //! Pings are answered here, by this program's knowledge of the station's clock. A guest that drives
 //! and leaves, or sends no ping for the heartbeat timeout, has its motion stopped.
@@ -334,11 +334,17 @@ impl Service {
                 if matches!(command, Command::Reset) && !matches!(line.stop, Stop::Asked { .. }) {
                     line.stopped_by = None;
                 }
-                if line.stopped_by.is_some() {
+                let denial = match &command {
+                    _ if line.stopped_by.is_some() => Some(Denial::Stopped),
+                    // The station would replace the rest of the earlier motion.
+                    Command::Jog { .. } if line.is_moving() => Some(Denial::Moving),
+                    _ => None,
+                };
+                if let Some(denial) = denial {
                     replies.push(Report::Answer {
                         sequence: packet.sequence,
                         tick: line.client.answered_tick().unwrap_or_default(),
-                        outcome: Outcome::Denied(Denial::Stopped),
+                        outcome: Outcome::Denied(denial),
                     });
                     return;
                 }

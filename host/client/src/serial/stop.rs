@@ -205,7 +205,7 @@ impl Serial {
         let path = self.path();
         match self.stop().and_then(|()| self.until_rest()) {
             // A stop of the command's own, or of a signal: its ramp has ended.
-            Ok(_) if !may_go_on => return,
+            Ok(_) if !may_go_on || self.ends_with_station => return,
             Ok(State::Stopped) => notice!(
                 "{path}: the run ended in motion, so the stage was stopped on its ramp and stands; \
                  `trinocular reset` lets it move again"

@@ -5,9 +5,9 @@ use std::io::{self, Read as _, Write as _};
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::time::Duration;
 #[cfg(unix)]
-use std::{
-    fs::File,
-    path::{Path, PathBuf},
+use {
+    super::link::LinkLock,
+    std::path::{Path, PathBuf},
 };
 
 /// Longest wait for bytes.
@@ -23,6 +23,18 @@ pub trait FarEnd: Send {
 
     /// Writes bytes. Bytes that no program reads are lost, as on a real line.
     fn write(&mut self, bytes: &[u8]);
+}
+
+/// Far end of a line that can be unplugged.
+pub trait Plug: FarEnd {
+    /// Unplugs the line: the programs that have it lose it, and the others do not find it.
+    fn unplug(&mut self);
+
+    /// Plugs the line in again under the same name.
+    ///
+    /// # Errors
+    /// If the name is taken.
+    fn plug(&mut self) -> io::Result<()>;
 }
 
 /// Pseudo-terminal by its own name.
@@ -76,12 +88,13 @@ impl FarEnd for Terminal {
 /// Pseudo-terminal under the name of a symbolic link, which is removed when this is dropped.
 ///
 /// A lock on a file beside the link tells a link in use from one that a crash has left: the system
-/// gives its pseudo-terminal to another program later.
+/// gives its pseudo-terminal to another program later. An unplugged line keeps the lock.
 #[cfg(unix)]
 pub struct PseudoTerminal {
-    terminal: Terminal,
+    /// `None` while the line is unplugged.
+    terminal: Option<Terminal>,
     link: PathBuf,
-    _lock: File,
+    _lock: LinkLock,
 }
 
 #[cfg(unix)]
@@ -94,25 +107,12 @@ impl PseudoTerminal {
     /// [`io::ErrorKind::AlreadyExists`] if something else is there; if the system has no
     /// pseudo-terminal.
     pub fn open(link: &Path) -> io::Result<Self> {
-        let lock = File::options()
-            .create(true)
-            .truncate(false)
-            .write(true)
-            .open(lock_of(link))?;
-        if lock.try_lock().is_err() {
-            return Err(io::ErrorKind::ResourceBusy.into());
-        }
-        match Self::link(link) {
-            Ok(terminal) => Ok(Self {
-                terminal,
-                link: link.to_owned(),
-                _lock: lock,
-            }),
-            Err(cause) => {
-                let _ = std::fs::remove_file(lock_of(link));
-                Err(cause)
-            }
-        }
+        let lock = LinkLock::take(link)?;
+        Ok(Self {
+            terminal: Some(Self::link(link)?),
+            link: link.to_owned(),
+            _lock: lock,
+        })
     }
 
     /// Opens a pseudo-terminal and makes the link to it, while the lock is held.
@@ -127,45 +127,57 @@ impl PseudoTerminal {
         std::os::unix::fs::symlink(terminal.name(), link)?;
         Ok(terminal)
     }
-
-    /// Returns true if a program keeps a pseudo-terminal under this link.
-    pub fn is_in_use(link: &Path) -> bool {
-        let lock = File::open(lock_of(link));
-        link.exists() && lock.is_ok_and(|lock| lock.try_lock_shared().is_err())
-    }
 }
 
 #[cfg(unix)]
-fn lock_of(link: &Path) -> PathBuf {
-    let mut path = link.as_os_str().to_owned();
-    path.push(".lock");
-    path.into()
+impl Plug for PseudoTerminal {
+    fn unplug(&mut self) {
+        if self.terminal.take().is_some() {
+            // What stays behind is replaced by the next twin.
+            let _ = std::fs::remove_file(&self.link);
+        }
+    }
+
+    fn plug(&mut self) -> io::Result<()> {
+        if self.terminal.is_none() {
+            self.terminal = Some(Self::link(&self.link)?);
+        }
+        Ok(())
+    }
 }
 
 #[cfg(unix)]
 impl Drop for PseudoTerminal {
     fn drop(&mut self) {
-        // What stays behind is replaced by the next twin.
-        let _ = std::fs::remove_file(&self.link);
-        let _ = std::fs::remove_file(lock_of(&self.link));
+        self.unplug();
     }
 }
 
 #[cfg(unix)]
 impl FarEnd for PseudoTerminal {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        self.terminal.read(buffer)
+        match &mut self.terminal {
+            Some(terminal) => terminal.read(buffer),
+            None => {
+                std::thread::sleep(WAIT);
+                Ok(0)
+            }
+        }
     }
 
     fn write(&mut self, bytes: &[u8]) {
-        self.terminal.write(bytes);
+        if let Some(terminal) = &mut self.terminal {
+            terminal.write(bytes);
+        }
     }
 }
 
 /// TCP port that serves one connection at a time; others are closed at once.
 #[derive(Debug)]
 pub struct TcpPort {
-    listener: TcpListener,
+    /// `None` while the line is unplugged.
+    listener: Option<TcpListener>,
+    address: SocketAddr,
     stream: Option<TcpStream>,
 }
 
@@ -178,7 +190,8 @@ impl TcpPort {
         let listener = TcpListener::bind(address)?;
         listener.set_nonblocking(true)?;
         Ok(Self {
-            listener,
+            address: listener.local_addr()?,
+            listener: Some(listener),
             stream: None,
         })
     }
@@ -186,13 +199,16 @@ impl TcpPort {
     /// Returns the address.
     ///
     /// # Errors
-    /// If the system does not report it.
+    /// Never; the result is kept for its callers.
     pub fn address(&self) -> io::Result<SocketAddr> {
-        self.listener.local_addr()
+        Ok(self.address)
     }
 
     fn accept(&mut self) {
-        while let Ok((stream, _)) = self.listener.accept() {
+        let Some(listener) = &self.listener else {
+            return;
+        };
+        while let Ok((stream, _)) = listener.accept() {
             let is_usable = stream.set_nodelay(true).is_ok()
                 && stream.set_nonblocking(false).is_ok()
                 && stream.set_read_timeout(Some(WAIT)).is_ok()
@@ -201,6 +217,20 @@ impl TcpPort {
                 self.stream = Some(stream);
             }
         }
+    }
+}
+
+impl Plug for TcpPort {
+    fn unplug(&mut self) {
+        self.listener = None;
+        self.stream = None;
+    }
+
+    fn plug(&mut self) -> io::Result<()> {
+        if self.listener.is_none() {
+            *self = Self::open(self.address)?;
+        }
+        Ok(())
     }
 }
 

@@ -13,6 +13,10 @@ use trinocular_vision::images::decode::caught;
 /// Largest record, and largest unpacked chunk, bytes.
 pub const LARGEST: u64 = 256 << 20;
 
+/// Longest search for the end of a file without the right beginning, bytes. An endless file is
+/// refused soon.
+const FARTHEST_END: u64 = 1 << 30;
+
 /// Bytes of a record's opcode and length.
 const HEAD: usize = 9;
 
@@ -85,6 +89,12 @@ pub enum Damage {
     /// The file does not start as an MCAP file does.
     #[error("is no MCAP file: it does not start with the MCAP magic bytes")]
     Foreign,
+    /// The file ends as an MCAP file does, but does not start as one.
+    #[error(
+        "has lost its beginning: it ends as an MCAP file does, but does not start as one. Cameras, \
+         rig and keyframe stood there; copy the whole file again from where it was recorded"
+    )]
+    Headless,
     /// The file ends within a record.
     #[error("is cut off at byte {0}: what stands before was read")]
     CutOff(u64),
@@ -190,6 +200,22 @@ fn decoded(decode: impl FnOnce() -> io::Result<usize>) -> io::Result<usize> {
     caught(decode).unwrap_or_else(|| Err(io::Error::other("its content confuses the decoder")))
 }
 
+/// Reads to the end, at most as far as the largest recording reaches; returns true if the last
+/// bytes are those of an MCAP file.
+fn ends_as_mcap(source: impl Read, mut last: Vec<u8>) -> io::Result<bool> {
+    let mut source = source.take(FARTHEST_END);
+    let mut block = vec![0; 1 << 16];
+    loop {
+        match source.read(&mut block)? {
+            0 => return Ok(last.ends_with(mcap::MAGIC)),
+            count => {
+                last.extend_from_slice(&block[..count]);
+                last.drain(..last.len().saturating_sub(mcap::MAGIC.len()));
+            }
+        }
+    }
+}
+
 /// Reader of the records of a file.
 pub struct Records<R> {
     source: R,
@@ -207,13 +233,17 @@ impl<R: Read> Records<R> {
     /// Begins to read a file.
     ///
     /// # Errors
-    /// [`Damage::Foreign`] if it is no MCAP file.
+    /// [`Damage::Foreign`] if it is no MCAP file, [`Damage::Headless`] if only its beginning is
+    /// missing.
     pub fn new(mut source: R) -> Result<Self, Damage> {
         let mut magic = Vec::new();
         let length = mcap::MAGIC.len() as u64;
         (&mut source).take(length).read_to_end(&mut magic)?;
         if magic != mcap::MAGIC {
-            return Err(Damage::Foreign);
+            return Err(match ends_as_mcap(source, magic)? {
+                true => Damage::Headless,
+                false => Damage::Foreign,
+            });
         }
         Ok(Self {
             source,

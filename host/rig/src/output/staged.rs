@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use tempfile::{Builder, NamedTempFile, TempPath};
 
+use super::claim::{Claim, lock};
 use crate::interruption::Hold;
 
 /// A complete file under a temporary name; dropping this value removes it.
@@ -39,14 +40,20 @@ impl Staged {
 }
 
 /// Puts a new, empty file in the place of `target`, with the owner and the mode of an existing file,
-/// and returns it for writing.
+/// and returns it for writing, locked.
+///
+/// # Errors
+/// [`io::ErrorKind::ResourceBusy`] if another run has begun this file and not closed it.
 pub(super) fn begin(target: &Path) -> io::Result<File> {
+    let claim = Claim::take(target)?;
     let staged = Staged::write(target, b"")?;
     let file = OpenOptions::new()
         .read(true)
         .write(true)
         .open(&staged.temporary)?;
+    lock(&file)?;
     staged.temporary.persist(&staged.target)?;
+    claim.done();
     Ok(file)
 }
 

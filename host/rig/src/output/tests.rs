@@ -212,3 +212,36 @@ mod unix {
         assert!(error.reason.starts_with("cannot write: "), "{error}");
     }
 }
+
+/// The lock ends with the file, so that a crashed run leaves none.
+#[test]
+#[cfg(unix)]
+fn file_of_a_running_stream_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let open = || Output::open(&path, Replace::Anything);
+    let (first, second) = (open().unwrap(), open().unwrap());
+    let file = first.stream().unwrap();
+    // Both were opened before either began.
+    let error = second.stream().unwrap_err();
+    assert!(error.reason.contains("another run writes"), "{error}");
+    let error = open().unwrap_err();
+    assert!(error.reason.contains("another run writes"), "{error}");
+    assert_eq!(names(folder.path()), ["run.mcap"]);
+    drop(file);
+    drop(open().unwrap().stream().unwrap());
+}
+
+#[test]
+#[cfg(unix)]
+fn runs_that_begin_together_do_not_share_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let began: Vec<bool> = std::thread::scope(|scope| {
+        let run = || Output::open(&path, Replace::Anything).and_then(Output::stream);
+        let runs: Vec<_> = (0..8).map(|_| scope.spawn(run)).collect();
+        let files: Vec<_> = runs.into_iter().map(|run| run.join().unwrap()).collect();
+        files.iter().map(Result::is_ok).collect()
+    });
+    assert_eq!(began.iter().filter(|is_ok| **is_ok).count(), 1, "{began:?}");
+}

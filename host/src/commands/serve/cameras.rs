@@ -1,7 +1,7 @@
 //! The page of a station with live cameras.
 
 use super::ServeOptions;
-use super::simulated::Station;
+use super::station::Station;
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
 use crate::commands::failure::Failure;

@@ -13,7 +13,7 @@ use trinocular::servo::station_link::StationLink;
 use trinocular_client::StationError;
 use trinocular_client::serial::Stopper;
 use trinocular_core::frame::message::Mounting;
-use trinocular_live::controls::{Action, Offers};
+use trinocular_live::controls::{Action, Offers, Reply};
 use trinocular_live::{
     Controls, DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, DropSource, Hub, Server, Setup,
 };
@@ -178,16 +178,19 @@ impl Controls for RunControls {
         self.is_asked.store(true, Ordering::Relaxed);
     }
 
-    fn request(&self, action: Action) -> Result<(), String> {
+    fn request(&self, action: Action, reply: Reply) {
         match action {
             Action::Mark { text } => {
+                reply.send(Ok(()));
                 if let Some(tap) = &self.tap {
                     tap.event("mark", text.clone());
                 }
                 self.hub.mark(text);
-                Ok(())
             }
-            _ => Err("this run follows until it is stopped; `trinocular serve` does it".to_owned()),
+            _ => {
+                let reason = "this run follows until it is stopped; `trinocular serve` does it";
+                reply.send(Err(reason.to_owned()));
+            }
         }
     }
 }

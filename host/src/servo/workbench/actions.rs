@@ -1,0 +1,169 @@
+//! Actions that pages ask for, and their outcomes.
+
+use super::super::ServoError;
+use super::desk::Request;
+use super::{Bench, Outcome, REST_PATIENCE, Reset, Workbench};
+use std::time::Instant as HostInstant;
+use trinocular_client::{StationError, diagnosis};
+use trinocular_core::frame::message::{Command, Denial, Status};
+use trinocular_core::safety::State;
+use trinocular_live::controls::{Action, Reply};
+
+/// Refusal of a jog in motion.
+const STILL_MOVES: &str =
+    "the stage still moves: wait until it stands, or stop it; this jog was not done";
+
+impl<B: Bench> Workbench<B> {
+    /// Does what a page asks for, and answers it.
+    pub(super) fn act(&mut self, Request { action, reply }: Request) -> Result<(), ServoError> {
+        match action {
+            Action::Reset {} => {
+                self.begin_reset(Some(reply));
+            }
+            Action::Follow { on: true } if self.servo.is_none() => match self.begin() {
+                Ok(()) => self.starting = Some(reply),
+                refused => reply.send(refused),
+            },
+            Action::Mark { text } => {
+                reply.send(Ok(()));
+                self.recording.event("mark", &text);
+                self.hub.mark(text);
+            }
+            action => {
+                let is_zero = matches!(action, Action::Zero {});
+                let outcome = self.perform(action)?;
+                let is_done = outcome.is_ok();
+                reply.send(outcome);
+                if is_zero && is_done {
+                    self.hub.note("zero is here");
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn begin_reset(&mut self, reply: Option<Reply>) {
+        self.cancel_reset("another reset follows");
+        let deadline = HostInstant::now() + REST_PATIENCE;
+        self.reset = Some(Reset { deadline, reply });
+    }
+
+    /// Does an action whose outcome is known at its end.
+    fn perform(&mut self, action: Action) -> Result<Outcome, ServoError> {
+        match action {
+            Action::Stop {} => {
+                // A reset from before the stop must not undo it.
+                self.cancel_reset("a stop came after it");
+                // Stopped already from the thread of the page; this notices it if nothing moves.
+                let station = self.bench.station();
+                match station.serial().map(|serial| serial.check()) {
+                    Some(Err(error)) => self.forgive(error)?,
+                    _ => return self.send("stop", Command::Stop),
+                }
+            }
+            Action::Follow { on: false } if self.servo.is_some() => {
+                self.end_following("following was ended".to_owned());
+                self.hub.note("following ended");
+                // A stop and a reset: the stage comes to rest instead of running on to its
+                // prediction, and is ready again.
+                let stopped = self.send("stop", Command::Stop)?;
+                self.begin_reset(None);
+                return Ok(stopped);
+            }
+            Action::Record { on } => return Ok(self.record(on)),
+            Action::Jog { .. } | Action::Zero {} | Action::Home {} if self.servo.is_some() => {
+                return Ok(self.refuse("end following first"));
+            }
+            Action::Jog { .. } if self.is_moving() => return Ok(self.refuse(STILL_MOVES)),
+            Action::Jog { distance_um } => return self.drive("jog", Command::Jog { distance_um }),
+            Action::Zero {} => return self.drive("zero", Command::Zero),
+            Action::Home {} => {
+                let axes = self.stage.care.home.map(|home| home.is_some());
+                return self.drive("home", Command::Home { axes });
+            }
+            // Following is as it should be already; the others have their own ways.
+            Action::Follow { .. } | Action::Reset {} | Action::Mark { .. } => {}
+        }
+        Ok(Ok(()))
+    }
+
+    fn refuse(&self, reason: &str) -> Outcome {
+        self.hub.warn(reason);
+        Err(reason.to_owned())
+    }
+
+    fn is_moving(&mut self) -> bool {
+        let station = self.bench.station();
+        match station.serial() {
+            Some(serial) => serial.is_moving(),
+            None => station
+                .status()
+                .is_some_and(|status| status.state.is_moving()),
+        }
+    }
+
+    /// Sends a command that needs the station for this run.
+    fn drive(&mut self, name: &'static str, command: Command) -> Result<Outcome, ServoError> {
+        let outcome = match self.take_over() {
+            Ok(()) => self.send(name, command)?,
+            refused => refused,
+        };
+        self.share();
+        Ok(outcome)
+    }
+
+    /// Sends a command and waits for the answer; a refusal also becomes a warning on the page.
+    fn send(&mut self, name: &'static str, command: Command) -> Result<Outcome, ServoError> {
+        match self.bench.station().command(name, command) {
+            Ok(()) => Ok(Ok(())),
+            Err(error @ StationError::Denied { denial, .. }) => {
+                Ok(Err(self.refused(&error, denial)))
+            }
+            Err(error) => {
+                let reason = error.to_string();
+                self.forgive(error)?;
+                Ok(Err(reason))
+            }
+        }
+    }
+
+    /// Warns of a refusal, with its remedy; returns both in words.
+    pub(super) fn refused(&self, error: &StationError, denial: Denial) -> String {
+        let remedy = diagnosis::remedy(denial).map(|remedy| format!("; {remedy}"));
+        let text = format!("{error}{}", remedy.unwrap_or_default());
+        self.hub.warn(text.clone());
+        text
+    }
+
+    /// Resets the station once its stage stands.
+    pub(super) fn try_reset(&mut self) -> Result<(), ServoError> {
+        let Some(end) = self.reset.as_ref().map(|reset| reset.deadline) else {
+            return Ok(());
+        };
+        let station = self.bench.station();
+        let state = station.status().map(|status: Status| status.state);
+        let is_moving = state.is_none_or(State::is_moving);
+        if is_moving && HostInstant::now() < end {
+            return Ok(());
+        }
+        let outcome = match station.command("reset", Command::Reset) {
+            // The ramp or the report of the fault is still under way.
+            Err(error) if error.is_passing() && HostInstant::now() < end => return Ok(()),
+            outcome => outcome,
+        };
+        let reply = self.reset.take().and_then(|reset| reset.reply);
+        let outcome = match outcome {
+            Ok(()) => Ok(()),
+            Err(error @ StationError::Denied { denial, .. }) => Err(self.refused(&error, denial)),
+            Err(error) => {
+                let reason = error.to_string();
+                self.forgive(error)?;
+                Err(reason)
+            }
+        };
+        if let Some(reply) = reply {
+            reply.send(outcome);
+        }
+        Ok(())
+    }
+}
