@@ -396,7 +396,7 @@ impl Folder {
 }
 
 /// Returns the most bits in use in the images, `so_far` or more.
-pub fn bits_in_use(views: &[Picture], so_far: u32) -> u32 {
+fn bits_in_use(views: &[Picture], so_far: u32) -> u32 {
     let bits = views.iter().map(Picture::bits_in_use);
     bits.fold(so_far, u32::max)
 }
