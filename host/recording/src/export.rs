@@ -52,6 +52,32 @@ enum Cells {
     Quoted(fn(&Row) -> &str),
 }
 
+/// Values of a column, one per row.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Column {
+    /// Whole numbers.
+    Whole(Vec<i64>),
+    /// Numbers; `None` for an empty cell.
+    Number(Vec<Option<f64>>),
+    /// Text.
+    Text(Vec<String>),
+}
+
+/// Returns the columns of the table, each with its name, as `export` writes them.
+pub fn columns(rows: &[Row]) -> Vec<(&'static str, Column)> {
+    let values = |cells: &Cells| match cells {
+        Cells::Whole(of) => Column::Whole(rows.iter().map(of).collect()),
+        Cells::Number(of) => Column::Number(rows.iter().map(of).collect()),
+        Cells::Text(of) | Cells::Quoted(of) => {
+            Column::Text(rows.iter().map(|row| of(row).to_owned()).collect())
+        }
+    };
+    let columns = COLUMNS.iter();
+    columns
+        .map(|(name, cells)| (*name, values(cells)))
+        .collect()
+}
+
 fn signed(number: u64) -> i64 {
     i64::try_from(number).unwrap_or(i64::MAX)
 }
@@ -146,5 +172,36 @@ impl Table {
             }
             false => Ok(Self { rows, cut }),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_agree_with_csv() {
+        let measured = Measurement {
+            frame: 3,
+            cameras: vec!["left".to_owned(); 2],
+            displacement_mm: [1.5, -2.0, 0.25],
+            pixels: vec![0.0; 8],
+            outcome: Outcome::Used,
+            ..Measurement::default()
+        };
+        let refused = Measurement {
+            reason: "lost, \"far\" away".to_owned(),
+            ..Measurement::default()
+        };
+        let rows = [Row::of(&measured), Row::of(&refused)];
+        let columns = columns(&rows);
+        let names: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
+        assert_eq!(csv(&rows).lines().next(), Some(names.join(",").as_str()));
+        let of = |name: &str| columns.iter().find(|(known, _)| *known == name).unwrap();
+        assert_eq!(of("frame").1, Column::Whole(vec![3, 0]));
+        assert_eq!(of("x_mm").1, Column::Number(vec![Some(1.5), None]));
+        assert_eq!(of("points").1, Column::Whole(vec![1, 0]));
+        let reasons = vec![String::new(), "lost, \"far\" away".to_owned()];
+        assert_eq!(of("reason").1, Column::Text(reasons));
     }
 }

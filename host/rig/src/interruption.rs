@@ -14,6 +14,8 @@
 //! | SIGKILL, SIGSEGV, SIGILL, SIGFPE | the program ends at once, and with it the heartbeat: the station ramps down with fault 0 |
 //! | SIGSTOP, SIGTTIN, SIGTTOU | the program stands still, and with it the heartbeat: the same; the run ends with that fault when it is continued |
 //!
+//! A library inside another program may [leave signals to it](leave_to_caller).
+//!
 //! Without a station and without a watcher, signals have their default effect, except while files
 //! are written (`Hold`).
 
@@ -43,6 +45,7 @@ static STATE: Mutex<State> = Mutex::new(State {
     lines: 0,
     first: None,
     held: None,
+    is_left: false,
 });
 
 struct State {
@@ -57,6 +60,8 @@ struct State {
     first: Option<Instant>,
     /// Signal that came during a hold and has had no effect yet.
     held: Option<i32>,
+    /// True if signals are the business of the program around this library.
+    is_left: bool,
 }
 
 fn state() -> MutexGuard<'static, State> {
@@ -65,7 +70,7 @@ fn state() -> MutexGuard<'static, State> {
 
 impl State {
     fn install(&mut self) -> io::Result<()> {
-        if !self.is_installed {
+        if !self.is_installed && !self.is_left {
             system::install(came).map_err(|cause| {
                 io::Error::new(cause.kind(), format!("cannot watch for Ctrl-C: {cause}"))
             })?;
@@ -73,6 +78,13 @@ impl State {
         }
         Ok(())
     }
+}
+
+/// Leaves all signals to the program around this library, such as an interpreter that has handlers
+/// of its own. Call it first: nothing here watches for signals after that, and the caller must stop
+/// a stage that is in motion.
+pub fn leave_to_caller() {
+    state().is_left = true;
 }
 
 /// Watches for signals from now on, if it does not yet; returns the flag that the first signal

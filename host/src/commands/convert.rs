@@ -152,19 +152,7 @@ fn assemble(files: &[PathBuf], offsets: &[Offset]) -> Result<RigFile, Failure> {
     }
     let names: Vec<String> = files
         .iter()
-        .map(|file| {
-            // `left.yml.gz` is the file of `left`.
-            let is_packed = file
-                .extension()
-                .is_some_and(|end| end.eq_ignore_ascii_case("gz"));
-            let plain = if is_packed {
-                file.with_extension("")
-            } else {
-                file.clone()
-            };
-            let stem = plain.file_stem().unwrap_or_default();
-            stem.to_string_lossy().into_owned()
-        })
+        .map(|file| exchange::camera_name(file))
         .collect();
     if let Some(unknown) = offsets
         .iter()

@@ -13,18 +13,16 @@ use crate::commands::failure::Failure;
 use crate::commands::folder_input::PairOption;
 use clap::{Args, ValueEnum};
 use pose::PoseOptions;
-use printer::{Printer, Solution};
+use printer::Printer;
 use serde::Serialize;
-use trinocular_core::estimate::Refusal;
-use trinocular_core::rig::Rig;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::estimation;
 use trinocular_vision::flow::mistake::explain_keyframe;
-use trinocular_vision::flow::{CameraRefusal, Flow, FlowSettings, remarks as camera_remarks};
+use trinocular_vision::flow::{Flow, FlowSettings, remarks as camera_remarks};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::points;
-use trinocular_vision::sums::Sums;
 
 /// Estimate the target's displacement from matched points or from images
 ///
@@ -141,6 +139,15 @@ impl Method {
         }
     }
 
+    /// Returns the library's name of the method.
+    const fn estimator(self) -> estimation::Method {
+        match self {
+            Self::ClosedForm => estimation::Method::ClosedForm,
+            Self::LeastSquares => estimation::Method::LeastSquares,
+            Self::Midpoint => estimation::Method::Midpoint,
+        }
+    }
+
     /// Reads the rig; refuses one that does not suit the method.
     fn read_rig(self, path: &Path) -> Result<RigFile, InputError> {
         let rig = match self {
@@ -170,9 +177,6 @@ enum Reference {
     /// The frame set before: for targets that leave the first view
     Previous,
 }
-
-/// Largest number of doubtful rows that are named.
-const MOST_DOUBTS: usize = 20;
 
 /// Runs the command.
 pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failure> {
@@ -217,34 +221,10 @@ fn run_points<W: Write>(
     mut printer: Printer<'_, W>,
 ) -> Result<(), Failure> {
     let points = points::read(&options.input, rig)?;
-    let doubts = points.doubts.iter().map(ToString::to_string);
-    printer.warnings = doubts.take(MOST_DOUBTS).collect();
-    if points.doubts.len() > MOST_DOUBTS {
-        let more = points.doubts.len() - MOST_DOUBTS;
-        printer
-            .warnings
-            .push(format!("{more} more rows do not fit the others"));
-    }
-    // Rows that do not fit are named one by one; then their number says nothing new.
-    if points.doubts.is_empty() {
-        printer.warnings.extend(points.contradiction.clone());
-    }
-    let correspondences = &points.correspondences;
-    let method = printer.method;
-    let alone = || {
-        let sums = Sums::new(&rig.rig, correspondences).map(|mut sums| {
-            sums.centred.overlap *= points.variance_inflation;
-            sums
-        });
-        let solution = sums.and_then(|sums| estimate(method, &sums));
-        solution.map_err(|refusal| refusal.to_string())
-    };
-    // The pose takes its noise from the points' misfit, which needs no inflation.
-    let is_doubtful = !points.doubts.is_empty();
-    let seen = (&rig.rig, correspondences.as_slice());
-    let warnings = &mut printer.warnings;
-    let solution = (options.pose).solve(options.method, seen, is_doubtful, warnings, alone);
-    printer.solution(solution, correspondences.len(), points.rejected)?;
+    printer.warnings = points.warnings();
+    let rule = options.pose.rule(options.method);
+    let solution = rule.of_points(&rig.rig, &points, &mut printer.warnings);
+    printer.solution(solution, points.correspondences.len(), points.rejected)?;
     printer.finish()
 }
 
@@ -288,6 +268,7 @@ fn run_captures<W: Write>(
     };
     let mut reference = refer_to(&mut flow, first?);
     let mut exposures = Exposures::new(&rig.names);
+    let rule = options.pose.rule(options.method);
     for capture in captures {
         let capture = match capture {
             Ok(capture) => capture,
@@ -302,7 +283,7 @@ fn run_captures<W: Write>(
         printer.exposure = exposures.note(&capture);
         // A bad keyframe spoils every frame measured against it; they share its reason.
         let seen = match &reference {
-            Ok(()) => Seen::of(options, &mut flow, &rig.rig, &capture, printer.method),
+            Ok(()) => rule.of_images(&mut flow, &rig.rig, &capture),
             Err(reason) => Err(reason.clone()),
         };
         match seen {
@@ -312,7 +293,8 @@ fn run_captures<W: Write>(
                 let absent = seen.refused_cameras.iter();
                 let names = absent.filter_map(|(k, _)| rig.names.get(*k).cloned());
                 printer.absent = names.collect();
-                printer.solution(seen.solution, seen.count, seen.rejected)?;
+                let count = seen.correspondences.len();
+                printer.solution(seen.solution, count, seen.rejected)?;
             }
             Err(reason) => printer.refusal(reason)?,
         }
@@ -321,67 +303,4 @@ fn run_captures<W: Write>(
         }
     }
     printer.finish()
-}
-
-/// Solution of one frame set, with the numbers of its points.
-struct Seen {
-    solution: Result<Solution, String>,
-    /// Numbers of points found and rejected.
-    count: usize,
-    rejected: usize,
-    refused_cameras: Vec<(usize, CameraRefusal)>,
-}
-
-impl Seen {
-    /// Measures a frame set, with the rotation of the target if it is demanded.
-    fn of(
-        options: &EstimateOptions,
-        flow: &mut Flow,
-        rig: &Rig,
-        capture: &FrameSet,
-        method: Method,
-    ) -> Result<Self, String> {
-        if options.pose.is_demanded() {
-            let seen = flow
-                .measure_pose(capture)
-                .map_err(|refusal| refusal.to_string())?;
-            let centroid_mm = flow.keyframe_centroid_mm().unwrap_or(seen.pose.centroid_mm);
-            let count = seen.correspondences.len();
-            return Ok(Self {
-                solution: Ok(options.pose.solution(&seen.pose, centroid_mm, count)),
-                count,
-                rejected: seen.rejected.total(),
-                refused_cameras: seen.refused_cameras,
-            });
-        }
-        let seen = flow
-            .measure(capture)
-            .map_err(|refusal| refusal.to_string())?;
-        let solution = Sums::of(rig, &seen).and_then(|sums| estimate(method, &sums));
-        Ok(Self {
-            solution: solution.map_err(|refusal| refusal.to_string()),
-            count: seen.correspondences.len(),
-            rejected: seen.rejected.total(),
-            refused_cameras: seen.refused_cameras,
-        })
-    }
-}
-
-fn estimate(method: Method, sums: &Sums) -> Result<Solution, Refusal> {
-    let estimates = sums.estimates();
-    let (displacement_mm, midpoint) = match method {
-        Method::Midpoint => {
-            let midpoint = estimates.midpoint?;
-            (midpoint.displacement_mm, Some(midpoint))
-        }
-        Method::ClosedForm => (estimates.closed_form?, None),
-        Method::LeastSquares => (estimates.least_squares?, None),
-    };
-    Ok(Solution {
-        displacement_mm,
-        sigma_mm: midpoint.as_ref().map(|estimate| estimate.sigma_mm()),
-        covariance_mm2: midpoint.map(|estimate| estimate.covariance_mm2),
-        points: sums.centred.points as usize,
-        turn: None,
-    })
 }

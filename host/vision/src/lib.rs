@@ -14,6 +14,7 @@
 //! | [`flow`] | keyframe, search for the displacement, tracking, inliers, refusals |
 //! | [`sums`], [`measure`](mod@measure) | flow sums of correspondences, or straight from images |
 //! | [`points`] | matched points from a CSV file |
+//! | [`estimation`] | displacement and rotation of points or images, by the rules of `estimate` |
 //! | [`calibration`] | cameras and rig from photographs of a chessboard; files of OpenCV and ROS |
 //! | [`alignment`] | principal points and rolls of a rig from images of any scene |
 //! | [`hand_eye`] | the matrix from camera axes to stage axes |
@@ -25,6 +26,7 @@
 
 pub mod alignment;
 pub mod calibration;
+pub mod estimation;
 pub mod field_of_view;
 pub mod flow;
 pub mod hand_eye;

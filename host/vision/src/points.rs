@@ -40,6 +40,8 @@ const MOST_POINTS: usize = 500_000;
 const LONGEST_ROW: usize = 4_096;
 /// Largest number of columns read.
 const MOST_COLUMNS: usize = 16;
+/// Largest number of doubtful rows that are named.
+const MOST_DOUBTS: usize = 20;
 /// Longest quotation of a field in a message, characters.
 const QUOTED: usize = 60;
 
@@ -57,6 +59,24 @@ pub struct Points {
     /// Inflation of the displacement's variance by points that fit the rig less than their noise
     /// explains.
     pub variance_inflation: f64,
+}
+
+impl Points {
+    /// Returns sentences about rows that do not fit: each of the first with its line, or the number
+    /// of all points that contradict the rig.
+    pub fn warnings(&self) -> Vec<String> {
+        // Rows that do not fit are named one by one; then their number says nothing new.
+        if self.doubts.is_empty() {
+            return self.contradiction.iter().cloned().collect();
+        }
+        let named = self.doubts.iter().take(MOST_DOUBTS);
+        let mut warnings: Vec<String> = named.map(ToString::to_string).collect();
+        match self.doubts.len().saturating_sub(MOST_DOUBTS) {
+            0 => {}
+            more => warnings.push(format!("{more} more rows do not fit the others")),
+        }
+        warnings
+    }
 }
 
 /// Reads the CSV file at `path`, whose cameras are those of `rig`.

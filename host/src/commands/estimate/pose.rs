@@ -1,25 +1,14 @@
-//! Rotation of the target in `estimate`: its options, and the estimate of points.
+//! Rotation of the target in `estimate`: its options, and its line of text.
 
 use std::io::{self, Write};
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use trinocular_core::estimate::pose::{self, Estimate, Observation};
-use trinocular_core::rig::Rig;
-use trinocular_core::sums::centred::Geometry;
-use trinocular_vision::flow::Correspondence;
+use trinocular_vision::estimation::{self, Rule, Use};
 
 use super::Method;
-use super::printer::Solution;
 use crate::commands::failure::Failure;
-
-/// Largest standard deviation of a rotation that is estimated unasked, degrees.
-const MOST_SIGMA_DEG: f64 = 0.5;
-/// 99.9 % quantile of χ² with three degrees of freedom: the limit of a significant rotation.
-const SIGNIFICANT: f64 = 16.3;
-/// Largest rotation of a target that counts as one that does not turn, degrees.
-const MOST_TURN_DEG: f64 = 0.15;
 
 /// Smallest angle that is printed, degrees.
 const SHOWN_DEG: f64 = 1e-4;
@@ -54,10 +43,9 @@ enum Rotation {
 }
 
 /// Point of the target whose displacement is stated.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Pivot {
     /// The mean of all points at the reference instant.
-    #[default]
     Centroid,
     /// A place at the reference instant, mm.
     Place([f64; 3]),
@@ -84,7 +72,7 @@ impl FromStr for Pivot {
 }
 
 /// Rotation of the target about the axes of the cameras, as it is printed.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize)]
 pub struct Turn {
     /// Rotation vector; none if the points do not determine it.
     pub rotation_deg: Option<[f64; 3]>,
@@ -95,6 +83,23 @@ pub struct Turn {
     /// True if noise imitates the rotation in less than one of 1,000 cases.
     #[serde(skip)]
     pub is_significant: bool,
+}
+
+impl From<estimation::Turn> for Turn {
+    fn from(turn: estimation::Turn) -> Self {
+        let estimation::Turn {
+            rotation_deg,
+            rotation_sigma_deg,
+            pivot_mm,
+            is_significant,
+        } = turn;
+        Self {
+            rotation_deg,
+            rotation_sigma_deg,
+            pivot_mm,
+            is_significant,
+        }
+    }
 }
 
 impl Turn {
@@ -119,19 +124,6 @@ impl Turn {
              displacement is that of the point at {x:.3} {y:.3} {z:.3} mm"
         )
     }
-}
-
-/// Use of the rotation of one set of points.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Use {
-    /// Estimate it, or refuse.
-    Demanded,
-    /// Estimate it if the points determine it.
-    Offered,
-    /// Refuse a target that turns.
-    Refused,
-    /// Warn of a target that turns.
-    Warned,
 }
 
 impl PoseOptions {
@@ -159,131 +151,23 @@ impl PoseOptions {
     }
 
     fn use_of(&self, method: Option<Method>) -> Use {
-        match (self.rotation, method) {
-            (Some(Rotation::Estimate), _) => Use::Demanded,
-            (Some(Rotation::Refuse), _) => Use::Refused,
-            (None, None) => Use::Offered,
-            (None, Some(_)) => Use::Warned,
-        }
+        self.rule(method).rotation_use()
     }
 
-    /// Estimates the displacement of points with their rotation, or checks that they do not turn,
-    /// and adds to `warnings`. `alone` estimates the displacement alone. `is_doubtful` tells that
-    /// some points contradict the others, so that a turn may be theirs.
-    pub fn solve(
-        &self,
-        method: Option<Method>,
-        (rig, points): (&Rig, &[Correspondence]),
-        is_doubtful: bool,
-        warnings: &mut Vec<String>,
-        alone: impl FnOnce() -> Result<Solution, String>,
-    ) -> Result<Solution, String> {
-        let seen = estimate(rig, points);
-        let used = self.use_of(method);
-        match (used, seen) {
-            (Use::Demanded, Ok((pose, count))) => Ok(self.solution(&pose, pose.centroid_mm, count)),
-            (Use::Demanded, Err(refusal)) => {
-                Err(format!("{refusal}; without a rotation: --rotation refuse"))
-            }
-            (Use::Offered, seen) => {
-                let reason = match seen {
-                    Ok((pose, count)) if is_determined(&pose) => {
-                        return Ok(self.solution(&pose, pose.centroid_mm, count));
-                    }
-                    Ok((pose, _)) => {
-                        let sigma = pose.rotation_sigma_deg();
-                        let largest = sigma.into_iter().fold(0.0, f64::max);
-                        format!("its standard deviation would be {largest:.1} degrees")
-                    }
-                    Err(refusal) => refusal.to_string(),
-                };
-                let solution = alone()?;
-                // Doubtful rows have warnings of their own, and are a likely cause.
-                if !is_doubtful {
-                    warnings.push(format!(
-                        "the displacement is that of a target that does not turn: no rotation is \
-                         estimated ({reason})"
-                    ));
-                }
-                Ok(Solution {
-                    turn: Some(Turn::default()),
-                    ..solution
-                })
-            }
-            (Use::Refused | Use::Warned, Ok((pose, _))) if is_turned(&pose) => {
-                let angle = angle_deg(&pose);
-                let reason = format!("the target turns by {angle:.2} degrees");
-                if used == Use::Refused {
-                    return Err(format!("{reason}; to measure it: --rotation estimate"));
-                }
-                warnings.push(format!(
-                    "{reason}, and this estimate holds for targets that do not turn; use \
-                     --rotation estimate"
-                ));
-                alone()
-            }
-            (Use::Refused | Use::Warned, _) => alone(),
-        }
-    }
-
-    /// Returns true if the rotation of images is to be measured.
-    pub fn is_demanded(&self) -> bool {
-        self.rotation == Some(Rotation::Estimate)
-    }
-
-    /// Returns a pose as it is printed. `centroid_mm` is the mean of the points at the reference
-    /// instant.
-    pub fn solution(&self, pose: &Estimate, centroid_mm: [f64; 3], points: usize) -> Solution {
-        let pivot_mm = match self.pivot.unwrap_or_default() {
-            Pivot::Centroid => centroid_mm,
-            Pivot::Place(place) => place,
-        };
-        let moved = pose.displacement_of(pivot_mm);
-        Solution {
-            displacement_mm: moved.displacement_mm,
-            sigma_mm: Some(moved.sigma_mm()),
-            covariance_mm2: Some(moved.covariance_mm2),
-            points,
-            turn: Some(Turn {
-                rotation_deg: Some(pose.rotation_deg()),
-                rotation_sigma_deg: Some(pose.rotation_sigma_deg()),
-                pivot_mm: Some(pivot_mm),
-                is_significant: is_significant(pose),
+    /// Returns the rule of the estimate with the method that was given.
+    pub fn rule(&self, method: Option<Method>) -> Rule {
+        Rule {
+            method: method.map(Method::estimator),
+            rotation: self.rotation.map(|rotation| match rotation {
+                Rotation::Refuse => estimation::Rotation::Refuse,
+                Rotation::Estimate => estimation::Rotation::Estimate,
             }),
+            pivot_mm: match self.pivot {
+                Some(Pivot::Place(place)) => Some(place),
+                Some(Pivot::Centroid) | None => None,
+            },
         }
     }
-}
-
-/// Estimates the pose of the points that are in front of the cameras; returns their number, too.
-fn estimate(rig: &Rig, points: &[Correspondence]) -> Result<(Estimate, usize), pose::Refusal> {
-    let geometry = Geometry::new(rig).map_err(|_| pose::Refusal::Degenerate)?;
-    let observed = points.iter();
-    let observed = observed.filter_map(|point| Observation::new(&geometry, &point.views));
-    let observed: Vec<Observation> = observed.collect();
-    Ok((pose::solve(&geometry, &observed)?, observed.len()))
-}
-
-fn is_significant(pose: &Estimate) -> bool {
-    // Without noise any rotation is.
-    pose.rotation_chi_squared()
-        .is_none_or(|chi| chi > SIGNIFICANT)
-}
-
-fn is_determined(pose: &Estimate) -> bool {
-    let sigma = pose.rotation_sigma_deg();
-    sigma.iter().all(|sigma| *sigma <= MOST_SIGMA_DEG) || is_significant(pose)
-}
-
-fn is_turned(pose: &Estimate) -> bool {
-    is_significant(pose) && angle_deg(pose) > MOST_TURN_DEG
-}
-
-fn angle_deg(pose: &Estimate) -> f64 {
-    pose.rotation_deg()
-        .iter()
-        .map(|d| d * d)
-        .sum::<f64>()
-        .sqrt()
 }
 
 #[cfg(test)]

@@ -6,8 +6,8 @@ use crate::commands::csv_rows::{self, Column};
 use crate::commands::failure::Failure;
 use serde::Serialize;
 use std::io::Write;
-use trinocular_core::estimate::Refusal;
 use trinocular_rig::notice;
+use trinocular_vision::estimation::{Solution, counted};
 
 /// One displacement, as it is printed.
 #[derive(Debug, Serialize)]
@@ -56,40 +56,6 @@ const COLUMNS: [&[Column]; 3] = [
     ],
 ];
 
-/// Result of an estimator.
-pub(super) struct Solution {
-    pub displacement_mm: [f64; 3],
-    pub sigma_mm: Option<[f64; 3]>,
-    pub covariance_mm2: Option<[[f64; 3]; 3]>,
-    /// Number of points used.
-    pub points: usize,
-    /// Rotation, if it was to be estimated.
-    pub turn: Option<Turn>,
-}
-
-impl Solution {
-    /// Refuses numbers that are not finite, because JSON cannot express them.
-    fn finite(self) -> Result<Self, String> {
-        let turn = self.turn.unwrap_or_default();
-        let lists = [
-            Some(self.displacement_mm),
-            self.sigma_mm,
-            turn.rotation_deg,
-            turn.rotation_sigma_deg,
-        ];
-        if lists
-            .iter()
-            .flatten()
-            .flatten()
-            .all(|number| number.is_finite())
-        {
-            Ok(self)
-        } else {
-            Err(Refusal::OutOfRange.to_string())
-        }
-    }
-}
-
 /// Prints frames as they come and counts them.
 pub(super) struct Printer<'a, W> {
     pub options: &'a EstimateOptions,
@@ -115,9 +81,8 @@ impl<W: Write> Printer<'_, W> {
         count: usize,
         rejected: usize,
     ) -> Result<(), Failure> {
-        match solution.and_then(Solution::finite) {
-            Ok(solution) => {
-                let rejected = rejected + count - solution.points;
+        match counted(solution, count, rejected) {
+            Ok((solution, rejected)) => {
                 let frame = self.frames + 1;
                 for warning in &self.warnings {
                     match self.is_points {
@@ -134,12 +99,11 @@ impl<W: Write> Printer<'_, W> {
                     points: solution.points,
                     rejected,
                     method: self.method,
-                    turn: solution.turn,
+                    turn: solution.turn.map(Turn::from),
                     warnings,
                 })
             }
-            Err(reason) => {
-                let mut reason = format!("{reason} ({count} points, {rejected} rejected)");
+            Err(mut reason) => {
                 for warning in self.take_warnings() {
                     reason = format!("{reason}; {warning}");
                 }

@@ -10,7 +10,7 @@
 //! * [`intrinsics`] solves one camera and rejects bad images, [`rig`] solves the poses of several,
 //!   [`stand`] expresses them in the rig's own axes;
 //! * [`adjust`] is the bundle adjustment behind both, with its covariance;
-//! * [`folder`] calibrates from the [`photographs`] in a folder;
+//! * [`folder`] calibrates from the [`photographs`] in a folder, [`result_json`] shows the result;
 //! * [`exchange`] reads and writes the camera files of OpenCV and ROS.
 //!
 //! Sources: Z. Zhang, *A Flexible New Technique for Camera Calibration*, IEEE PAMI 22(11), 2000;
@@ -50,6 +50,7 @@ pub mod lens;
 pub mod photographs;
 pub mod refine;
 pub mod rejection;
+pub mod result_json;
 pub mod rig;
 pub mod saddle;
 pub mod stand;

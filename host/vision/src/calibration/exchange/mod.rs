@@ -98,6 +98,18 @@ pub struct Places {
     pub shift: Option<Place>,
 }
 
+/// Returns the name of the camera of a file: `left` for `left.yml` and for `left.yml.gz`.
+pub fn camera_name(file: &Path) -> String {
+    let end = file.extension();
+    let is_packed = end.is_some_and(|end| end.eq_ignore_ascii_case("gz"));
+    let plain = match is_packed {
+        true => file.with_extension(""),
+        false => file.to_owned(),
+    };
+    let stem = plain.file_stem().unwrap_or_default();
+    stem.to_string_lossy().into_owned()
+}
+
 impl CameraFile {
     /// Reads an OpenCV or ROS file.
     pub fn read(path: &Path) -> Result<Self, InputError> {

@@ -626,3 +626,16 @@ fn ini_of_ros_calibration_is_read() {
         (Some(15), Some("camera_matrix.data[4]"))
     );
 }
+
+#[test]
+fn camera_is_named_by_its_file() {
+    for (file, name) in [
+        ("cv/left.yml", "left"),
+        ("left.yml.gz", "left"),
+        ("left.GZ", "left"),
+        ("cam.0.json", "cam.0"),
+        ("right", "right"),
+    ] {
+        assert_eq!(camera_name(Path::new(file)), name, "{file}");
+    }
+}
