@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use trinocular_core::rig::{Camera, MAX_CAMERAS};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::calibration::exchange::{self, Assembled, CameraFile, Cameras, Member};
+use trinocular_vision::calibration::exchange::{self, Assembled, CameraFile, Member, NamedCamera};
 
 use super::destination::Destination;
 use super::json;
@@ -108,6 +108,11 @@ pub fn run(options: &ConvertOptions, out: &mut impl Write) -> Result<(), Failure
         file.extension()
             .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
     };
+    if options.image_size.is_some() && options.files.iter().any(is_toml) {
+        return Err(Failure::Usage(
+            "a rig file says itself how large its images are; leave --image-size out".to_owned(),
+        ));
+    }
     let rig = match options.files.as_slice() {
         [file] if is_toml(file) => match options.offsets.first() {
             None => RigFile::read(file).inspect(|rig| super::warnings::rig(file, rig))?,
@@ -160,14 +165,16 @@ pub fn run(options: &ConvertOptions, out: &mut impl Write) -> Result<(), Failure
 /// Assembles the rig of these cameras.
 fn assemble(options: &ConvertOptions) -> Result<RigFile, Failure> {
     let size = options.image_size.map(|size| size.0);
-    let cameras = match exchange::several(&options.files, size)? {
-        Some(cameras) => cameras,
-        None if size.is_some() => {
+    let several = exchange::several(&options.files, size)?;
+    let lacks_size = several.as_ref().is_some_and(|several| several.lacks_size);
+    let cameras = match several {
+        _ if size.is_some() && !lacks_size => {
             return Err(Failure::Usage(
                 "--image-size goes with the files of OpenCV's stereo_calib; all others hold it"
                     .to_owned(),
             ));
         }
+        Some(several) => several.cameras,
         None => single(&options.files)?,
     };
     let names: Vec<&str> = cameras.iter().map(|(name, ..)| name.as_str()).collect();
@@ -199,7 +206,7 @@ fn assemble(options: &ConvertOptions) -> Result<RigFile, Failure> {
 }
 
 /// Reads files of single cameras, which have the cameras' names.
-fn single(files: &[PathBuf]) -> Result<Cameras, Failure> {
+fn single(files: &[PathBuf]) -> Result<Vec<NamedCamera>, Failure> {
     if !(2..=MAX_CAMERAS).contains(&files.len()) {
         // A file of all cameras, as other programs write, is named for what it is.
         if let [only] = files {

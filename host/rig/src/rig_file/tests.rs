@@ -352,7 +352,7 @@ fn slightly_turned_camera_is_valid() {
         (
             "[0, 0, 21]",
             "camera[2].rotation_deg",
-            "turned by 21.0 degrees about its optical axis",
+            "turned by 21.0 degrees, mostly about its optical axis",
         ),
         (
             "[1.5, 2, -179.5]",

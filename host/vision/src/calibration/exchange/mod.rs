@@ -39,7 +39,7 @@ mod xml;
 mod yaml;
 
 pub use assemble::{Assembled, Member, assemble};
-pub use several::{Cameras, several};
+pub use several::{NamedCamera, Several, several};
 pub use yaml::Place;
 
 #[cfg(test)]

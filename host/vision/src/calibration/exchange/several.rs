@@ -37,8 +37,17 @@ const STEREO: [&str; 8] = [
 /// Names that the two cameras of `stereo_calib` get.
 const PAIR: [&str; 2] = ["left", "right"];
 
-/// Cameras of a file of several, each with its name.
-pub type Cameras = Vec<(String, PathBuf, CameraFile)>;
+/// Camera with its name and the file that it is in.
+pub type NamedCamera = (String, PathBuf, CameraFile);
+
+/// Cameras of files that hold several.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Several {
+    /// The cameras, in order.
+    pub cameras: Vec<NamedCamera>,
+    /// True if the files do not hold the size of the images.
+    pub lacks_size: bool,
+}
 
 /// Reads the cameras if the files are a camchain, or the pair of `stereo_calib`; `None` if they are
 /// files of single cameras. `image_size_px` is the size of the images, which the pair's files do
@@ -49,7 +58,7 @@ pub type Cameras = Vec<(String, PathBuf, CameraFile)>;
 pub fn several(
     paths: &[PathBuf],
     image_size_px: Option<[u32; 2]>,
-) -> Result<Option<Cameras>, InputError> {
+) -> Result<Option<Several>, InputError> {
     let (first, second) = match paths {
         [first] => (first, None),
         [first, second] => (first, Some(second)),
@@ -69,9 +78,9 @@ pub fn several(
     match texts.as_slice() {
         [(path, text)] if has(text, "cam0") => chain(path, text).map(Some),
         texts
-            if texts
-                .iter()
-                .any(|(_, text)| has(text, "M1") && has(text, "D1")) =>
+            if texts.iter().any(|(_, text)| {
+                has(text, "M1") && has(text, "D1") && !has(text, "camera_matrix")
+            }) =>
         {
             pair(texts, image_size_px).map(Some)
         }
@@ -79,10 +88,10 @@ pub fn several(
     }
 }
 
-fn chain(path: &Path, text: &str) -> Result<Cameras, InputError> {
+fn chain(path: &Path, text: &str) -> Result<Several, InputError> {
     let document = Document::parse(path, text, &CHAIN)?;
     let root = document.root();
-    let mut cameras = Cameras::new();
+    let mut cameras: Vec<NamedCamera> = Vec::new();
     let mut motion = Isometry3::identity();
     for name in CHAIN {
         let Some(camera) = root.optional(name)? else {
@@ -140,7 +149,10 @@ fn chain(path: &Path, text: &str) -> Result<Cameras, InputError> {
         not_invertible(&file, &coefficients)?;
         cameras.push((name.to_owned(), path.to_owned(), file));
     }
-    Ok(cameras)
+    Ok(Several {
+        cameras,
+        lacks_size: false,
+    })
 }
 
 /// Returns the motion from one camera's axes to the next one's, mm.
@@ -165,7 +177,7 @@ fn step(field: &Node<'_>) -> Result<Isometry3<f64>, InputError> {
     ))
 }
 
-fn pair(texts: &[(&Path, String)], image_size_px: Option<[u32; 2]>) -> Result<Cameras, InputError> {
+fn pair(texts: &[(&Path, String)], image_size_px: Option<[u32; 2]>) -> Result<Several, InputError> {
     let documents: Vec<Document<'_>> = texts
         .iter()
         .map(|(path, text)| match xml::is_xml(text) {
@@ -174,9 +186,7 @@ fn pair(texts: &[(&Path, String)], image_size_px: Option<[u32; 2]>) -> Result<Ca
         })
         .collect::<Result<_, _>>()?;
     let roots: Vec<Node<'_>> = documents.iter().map(Document::root).collect();
-    let [(path, _), ..] = texts else {
-        return Ok(Cameras::new());
-    };
+    let path = texts.first().map_or(Path::new(""), |(path, _)| path);
     let with = |name: &str| -> Result<Option<(usize, Node<'_>)>, InputError> {
         for (index, root) in roots.iter().enumerate() {
             if let Some(value) = root.optional(name)? {
@@ -197,7 +207,9 @@ fn pair(texts: &[(&Path, String)], image_size_px: Option<[u32; 2]>) -> Result<Ca
             InputError::file(path, reason)
         })
     };
-    let size = match (image_size_px, with("image_width")?, with("image_height")?) {
+    let sides = (with("image_width")?, with("image_height")?);
+    let lacks_size = sides.0.is_none() || sides.1.is_none();
+    let size = match (image_size_px, sides.0, sides.1) {
         (Some(size), ..) => size,
         (None, Some((_, width)), Some((_, height))) => {
             [width.whole(8..=65_535)?, height.whole(8..=65_535)?]
@@ -209,7 +221,7 @@ fn pair(texts: &[(&Path, String)], image_size_px: Option<[u32; 2]>) -> Result<Ca
         }
     };
     let motion = opencv_motion(&value("R")?.1, &value("T")?.1)?;
-    let mut cameras = Cameras::new();
+    let mut cameras: Vec<NamedCamera> = Vec::new();
     let motions = [Isometry3::identity(), motion];
     for ((number, name), motion) in (1..).zip(PAIR).zip(motions) {
         let (index, matrix) = value(&format!("M{number}"))?;
@@ -231,5 +243,8 @@ fn pair(texts: &[(&Path, String)], image_size_px: Option<[u32; 2]>) -> Result<Ca
         not_invertible(&file, &coefficients)?;
         cameras.push((name.to_owned(), texts[index].0.to_owned(), file));
     }
-    Ok(cameras)
+    Ok(Several {
+        cameras,
+        lacks_size,
+    })
 }

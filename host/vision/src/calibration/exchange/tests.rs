@@ -715,7 +715,7 @@ cam2:
 ";
 
 /// Returns the cameras of files with these contents.
-fn read_several(texts: &[&str], size_px: Option<[u32; 2]>) -> Result<Option<Cameras>, InputError> {
+fn read_several(texts: &[&str], size_px: Option<[u32; 2]>) -> Result<Option<Several>, InputError> {
     let dir = tempfile::tempdir().unwrap();
     let paths = texts.iter().enumerate().map(|(index, text)| {
         let path = dir.path().join(format!("{index}.yml"));
@@ -727,7 +727,7 @@ fn read_several(texts: &[&str], size_px: Option<[u32; 2]>) -> Result<Option<Came
 
 #[test]
 fn kalibr_camchain_is_read() {
-    let cameras = read_several(&[CHAIN], None).unwrap().unwrap();
+    let cameras = read_several(&[CHAIN], None).unwrap().unwrap().cameras;
     let names: Vec<&str> = cameras.iter().map(|(name, ..)| name.as_str()).collect();
     assert_eq!(names, ["cam0", "cam1", "cam2"]);
     let [(_, _, first), (_, _, second), (_, _, third)] = cameras.as_slice() else {
@@ -788,7 +788,7 @@ fn files_of_stereo_calib_are_read() {
                       1\n   dt: d\n   data: [ -83.2, 0.5, 0. ]\nR1: 0\nP1: 0\n";
     let size = Some([640, 480]);
     for order in [[&intrinsics, extrinsics], [extrinsics, &intrinsics]] {
-        let cameras = read_several(&order, size).unwrap().unwrap();
+        let cameras = read_several(&order, size).unwrap().unwrap().cameras;
         let [(left, _, first), (right, _, second)] = cameras.as_slice() else {
             panic!("two cameras");
         };

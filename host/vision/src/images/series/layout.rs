@@ -1,6 +1,6 @@
 //! Search of a folder for the images of each camera.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -84,13 +84,13 @@ pub fn of_cameras(dir: &Path, names: &[String]) -> Result<Found, InputError> {
             });
         }
     }
-    let is_used = |file: &String| {
-        let (stem, _) = split_ending(file);
-        // A mask or a single picture of a camera is not a frame, but the camera's.
-        owner(stem, names).is_some() || names.iter().any(|name| name == stem)
+    let files = |one: &Series| -> Vec<PathBuf> {
+        let stills = one.stills().iter().map(|still| still.file.clone());
+        stills.chain([one.place.clone()]).collect()
     };
+    let used: HashSet<PathBuf> = found.series.iter().flat_map(files).collect();
     let mut strangers: Vec<String> = folder::listing(dir)?.files.into_iter().collect();
-    strangers.retain(|file| !is_used(file));
+    strangers.retain(|file| !used.contains(&dir.join(file)));
     let why = format!(
         "not used; names begin with a camera's ({}) and a number",
         names.join(", ")
