@@ -808,7 +808,7 @@ fn files_of_stereo_calib_are_read() {
             "--image-size 640x480",
         ),
         (vec![intrinsics.as_str()], size, "give both files"),
-        (vec![intrinsics.as_str(), "R: 0\n"], size, "expected names"),
+        (vec![intrinsics.as_str(), "R: 0\n"], size, "give both files"),
     ] {
         let error = read_several(&texts, size).unwrap_err().to_string();
         assert!(error.contains(reason), "{error}");
