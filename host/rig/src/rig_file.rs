@@ -456,8 +456,8 @@ pub fn turned_too_far(degrees: [f64; 3]) -> Option<String> {
         _ => "mount it as the others",
     };
     Some(format!(
-        "turned by {angle:.1} degrees, mostly about its optical axis, but its images can be compared \
-         with the others' up to {LIMIT_ROTATION_DEG}: {way_out}, and calibrate anew"
+        "turned by {angle:.1} degrees, mostly about its optical axis, but its images can be \
+         compared with the others' up to {LIMIT_ROTATION_DEG}: {way_out}, and calibrate anew"
     ))
 }
 

@@ -20,8 +20,8 @@ use super::json;
 /// Reads one rig file (.toml), or one file per camera, whose name is the camera's: the YAML, JSON
 /// or XML of OpenCV's FileStorage (also .gz), ROS's camera_info as YAML, as printed by rostopic
 /// echo, or as the INI file of its calibration program, or MATLAB's Calib_Results.m. A Kalibr
-/// camchain, or intrinsics and extrinsics of OpenCV's stereo_calib, hold all cameras. Prints the rig
-/// file on standard output unless an option names a file or folder.
+/// camchain, or intrinsics and extrinsics of OpenCV's stereo_calib, hold all cameras. Prints the
+/// rig file on standard output unless an option names a file or folder.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ConvertOptions {
@@ -37,7 +37,8 @@ pub struct ConvertOptions {
     #[arg(long = "offset", value_name = "CAMERA=X,Y", allow_hyphen_values = true)]
     offsets: Vec<Offset>,
 
-    /// Width and height of the images, px, for files of OpenCV's stereo_calib, which lack it: 640x480
+    /// Width and height of the images, px, for files of OpenCV's stereo_calib, which lack it:
+    /// 640x480
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     image_size: Option<Size>,
 

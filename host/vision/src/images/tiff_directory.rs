@@ -16,7 +16,8 @@ pub struct Form {
     pub is_big: bool,
 }
 
-/// Fields of a directory; 0 for one that the directory lacks, and TIFF's default for those with one.
+/// Fields of a directory; 0 for one that the directory lacks, and TIFF's default for those with
+/// one.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Directory {
     /// Width and height, px.

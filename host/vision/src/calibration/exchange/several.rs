@@ -5,7 +5,8 @@
 //! cam0: { intrinsics: [fu, fv, pu, pv], distortion_coeffs: [k1, k2, p1, p2], resolution: [..] }
 //! cam1: { T_cn_cnm1: 4 x 4, from the axes of cam0 to those of cam1, m, ... }
 //!
-//! intrinsics.yml: M1 D1 M2 D2        extrinsics.yml: R T, from the first camera's axes to the second's
+//! intrinsics.yml: M1 D1 M2 D2
+//! extrinsics.yml: R T, from the first camera's axes to the second's
 //! ```
 
 use std::path::{Path, PathBuf};
