@@ -34,6 +34,9 @@ pub struct Camera {
     pub offset_mm: [f64; 2],
     /// Lens distortion, dimensionless: OpenCV's k1 k2 p1 p2 k3 (Brown's model).
     pub distortion: [f64; 5],
+    /// Denominator of the radial distortion, dimensionless: OpenCV's k4 k5 k6 (rational model);
+    /// zero for Brown's model.
+    pub rational: [f64; 3],
     /// Rotation of the camera against the rig's axes: none in a rig that is parallel as built.
     pub rotation: Rotation,
 }
@@ -46,8 +49,46 @@ impl Camera {
             principal_px,
             offset_mm,
             distortion: [0.0; 5],
+            rational: [0.0; 3],
             rotation: Rotation::NONE,
         }
+    }
+
+    /// Returns OpenCV's distortion coefficients: k1 k2 p1 p2 k3, and k4 k5 k6 of a rational model.
+    pub fn coefficients(&self) -> heapless::Vec<f64, 8> {
+        let rational = match self.is_rational() {
+            true => &self.rational[..],
+            false => &[],
+        };
+        self.distortion.iter().chain(rational).copied().collect()
+    }
+
+    /// Returns true if the lens follows the rational model.
+    pub fn is_rational(&self) -> bool {
+        self.rational != [0.0; 3]
+    }
+
+    /// Returns true if the lens bends no line.
+    fn is_straight(&self) -> bool {
+        self.distortion == [0.0; 5] && !self.is_rational()
+    }
+
+    /// Returns the factor of the radial distortion at the square of a radius, normalised; the
+    /// denominator of the rational model is within.
+    pub fn radial(&self, r2: f64) -> f64 {
+        let [k1, k2, _, _, k3] = self.distortion;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        match self.is_rational() {
+            true => radial / self.denominator(r2),
+            false => radial,
+        }
+    }
+
+    /// Returns the denominator of the rational model at the square of a radius, normalised; 1 for
+    /// Brown's model.
+    pub fn denominator(&self, r2: f64) -> f64 {
+        let [k4, k5, k6] = self.rational;
+        1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
     }
 
     /// Projects the point `(X, Y, Z)` mm into the image, px. `Z` must be positive.
@@ -59,7 +100,7 @@ impl Camera {
     /// Returns true if the image is the normalised plane but for scale and shift: no rotation, no
     /// lens distortion.
     pub fn is_ideal(&self) -> bool {
-        self.distortion == [0.0; 5] && self.rotation.degrees() == [0.0; 3]
+        self.is_straight() && self.rotation.degrees() == [0.0; 3]
     }
 
     /// Converts normalised coordinates to image coordinates, px, through rotation and lens
@@ -78,7 +119,7 @@ impl Camera {
     pub fn normalise(&self, pixel: [f64; 2]) -> [f64; 2] {
         let seen: [f64; 2] =
             core::array::from_fn(|i| (pixel[i] - self.principal_px[i]) / self.focal_px[i]);
-        if self.distortion == [0.0; 5] {
+        if self.is_straight() {
             return self.rotation.rectify(seen);
         }
         let mut guess = seen;
@@ -93,11 +134,11 @@ impl Camera {
         self.rotation.rectify(guess)
     }
 
-    /// Applies Brown's model: radial k1 k2 k3, tangential p1 p2.
+    /// Applies the lens model: radial k1 k2 k3 over k4 k5 k6, tangential p1 p2.
     fn distort(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        let [k1, k2, p1, p2, k3] = self.distortion;
+        let [_, _, p1, p2, _] = self.distortion;
         let r2 = x * x + y * y;
-        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let radial = self.radial(r2);
         [
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
             y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
@@ -151,5 +192,44 @@ impl Rig {
             .map(|c| c.focal_px[0] + c.focal_px[1])
             .sum();
         sum / (2.0 * self.cameras.len() as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pixels of OpenCV 5.0.0's `projectPoints` with the same numbers.
+    #[test]
+    fn rational_lens_matches_opencv() {
+        let camera = Camera {
+            distortion: [0.5, -2.6, 0.001, -0.0004, 1.5],
+            rational: [0.38, -2.4, 1.4],
+            ..Camera::ideal([533.0, 534.0], [320.0, 240.0], [0.0, 0.0])
+        };
+        for (point_mm, expected) in [
+            (
+                [120.0, -90.0, 700.0],
+                [411.78567898823235, 171.04875071200496],
+            ),
+            ([-300.0, 200.0, 600.0], [46.56383841917847, 422.7741944559]),
+        ] {
+            let pixel = camera.project(point_mm);
+            assert!(
+                (pixel[0] - expected[0]).hypot(pixel[1] - expected[1]) < 1e-9,
+                "{pixel:?}"
+            );
+            let back = camera.normalise(pixel);
+            let [x, y, z] = point_mm;
+            assert!((back[0] - x / z).hypot(back[1] - y / z) < 1e-12, "{back:?}");
+        }
+        assert!(!camera.is_ideal());
+        assert_eq!(camera.coefficients().len(), 8);
+        assert_eq!(
+            Camera::ideal([1.0; 2], [0.0; 2], [0.0; 2])
+                .coefficients()
+                .len(),
+            5
+        );
     }
 }

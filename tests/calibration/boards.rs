@@ -23,6 +23,7 @@ pub fn crooked_rig() -> Rig {
         principal_px,
         offset_mm: [x, 0.0],
         distortion: [-0.12, 0.05, 4e-4, -6e-4, 0.0],
+        rational: [0.0; 3],
         rotation: Rotation::from_degrees(degrees),
     };
     Rig {

@@ -111,3 +111,95 @@ fn opencv_files_and_offsets_make_rig() {
     run(desk.path(), &["convert", "none.yml", "left.yml"])
         .failed_after_notes(1, &["none.yml", "cannot read"]);
 }
+
+/// Returns a matrix of OpenCV's YAML.
+fn matrix(name: &str, rows: usize, data: &str) -> String {
+    let cols = data.split(',').count() / rows;
+    format!(
+        "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {data} ]\n"
+    )
+}
+
+#[test]
+fn files_of_several_cameras_make_rigs() {
+    let desk = tempfile::tempdir().expect("a temporary folder");
+    let write = |name: &str, text: &str| fs::write(desk.path().join(name), text).expect("written");
+    let lens = "533., 0., 320., 0., 533., 240., 0., 0., 1.";
+    let rational = "0., 0., 0., 0., 0., 0., 0., 0.02";
+    let lenses = [
+        ("M1", 3, lens),
+        ("D1", 1, rational),
+        ("M2", 3, lens),
+        ("D2", 1, rational),
+    ];
+    let lenses = lenses.map(|(name, rows, data)| matrix(name, rows, data));
+    write(
+        "intrinsics.yml",
+        &format!("%YAML:1.0\n---\n{}", lenses.concat()),
+    );
+    let turn = matrix("R", 3, "1., 0., 0., 0., 1., 0., 0., 0., 1.");
+    let shift = matrix("T", 3, "-83.25, 0., 0.");
+    write("extrinsics.yml", &format!("%YAML:1.0\n---\n{turn}{shift}"));
+    let camera = "  camera_model: pinhole\n  distortion_model: radtan\n  distortion_coeffs: [0, 0, \
+                  0, 0]\n  intrinsics: [533, 533, 320, 240]\n  resolution: [640, 480]\n";
+    let step = "  T_cn_cnm1:\n  - [1, 0, 0, -0.08325]\n  - [0, 1, 0, 0]\n  - [0, 0, 1, 0]\n  - [0, \
+                0, 0, 1]\n";
+    write(
+        "camchain.yaml",
+        &format!("cam0:\n{camera}cam1:\n{camera}{step}"),
+    );
+    let pair = ["convert", "extrinsics.yml", "intrinsics.yml"];
+    run(desk.path(), &pair).failed_after_notes(1, &["stereo_calib", "--image-size 640x480"]);
+    let sized = [&pair[..], &["--image-size", "640x480"]].concat();
+    let (both, chain) = (
+        run(desk.path(), &sized),
+        run(desk.path(), &["convert", "camchain.yaml"]),
+    );
+    for (outcome, names, distortion) in [
+        (
+            both,
+            ["left", "right"],
+            "distortion = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02]",
+        ),
+        (chain, ["cam0", "cam1"], ""),
+    ] {
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        let text = &outcome.stdout;
+        assert!(
+            names
+                .iter()
+                .all(|name| text.contains(&format!("name = \"{name}\""))),
+            "{text}"
+        );
+        assert!(text.contains("offset_mm = [83.25, 0.0]"), "{text}");
+        assert!(text.contains(distortion), "{text}");
+        write("rig.toml", text);
+        // The lens survives the way to other programs and back.
+        let there = run(
+            desk.path(),
+            &["convert", "rig.toml", "--ros", "ros", "--force"],
+        );
+        assert_eq!(there.code, Some(0), "{}", there.stderr);
+        let files = names.map(|name| format!("ros/{name}.yaml"));
+        let back = run(desk.path(), &["convert", &files[0], &files[1]]);
+        assert_eq!(&back.stdout, text, "{}", back.stderr);
+    }
+    for (arguments, reason) in [
+        (
+            &["convert", "camchain.yaml", "--image-size", "640x480"][..],
+            "--image-size goes with",
+        ),
+        (
+            &["convert", "camchain.yaml", "--image-size", "640"],
+            "such as 640x480",
+        ),
+        (
+            &["convert", "rig.toml", "--image-size", "640x480"],
+            "leave --image-size out",
+        ),
+    ] {
+        let outcome = run(desk.path(), arguments);
+        assert_eq!(outcome.code, Some(2), "{}", outcome.stderr);
+        assert!(outcome.stderr.contains(reason), "{}", outcome.stderr);
+    }
+}

@@ -299,6 +299,13 @@ fn regions_restrict_points() {
     let wrong = estimate(&["--roi", "0,0,99"]);
     assert!(wrong.code == Some(2) && wrong.stderr.contains("X,Y,WIDTH,HEIGHT"));
     estimate(&["--mask", "none.pgm"]).failed(1, &["none.pgm"]);
+    // Ones and zeros, as numerical programs write a mask.
+    let head = format!("P5\n{width} {height}\n255\n").into_bytes();
+    desk.write(
+        "ones.pgm",
+        [head, vec![1; (width * height) as usize]].concat(),
+    );
+    estimate(&["--mask", "ones.pgm"]).failed(1, &["ones.pgm", "is 1 of 255", "write 255"]);
     let track = [
         "track", "--images", "views", "--rig", "rig.toml", "--roi", &half,
     ];

@@ -86,10 +86,33 @@ pub fn bytes(path: &Path, limit: Limit) -> Result<Vec<u8>, InputError> {
     let mut bytes = Vec::with_capacity(about.len() as usize);
     let mut file = file.take(limit.bytes + 1);
     file.read_to_end(&mut bytes).map_err(unreadable)?;
+    if let Some(reason) = stand_in(&bytes) {
+        return Err(InputError::file(path, reason));
+    }
     match bytes.len() as u64 > limit.bytes {
         true => Err(too_long(path, limit)),
         false => Ok(bytes),
     }
+}
+
+/// Returns the reason why the content is not the file itself, if it stands in for a large file that
+/// a version control system keeps elsewhere.
+///
+/// ```
+/// use trinocular_rig::input::stand_in;
+///
+/// let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
+/// assert!(stand_in(pointer).is_some_and(|reason| reason.contains("git lfs pull")));
+/// assert_eq!(stand_in(b"image_size_px = [640, 480]"), None);
+/// ```
+pub fn stand_in(bytes: &[u8]) -> Option<&'static str> {
+    const LFS: &[u8] = b"version https://git-lfs.github.com/spec/";
+    const ANNEX: &[u8] = b"/annex/objects/";
+    if bytes.starts_with(LFS) {
+        return Some("a Git LFS pointer and not the file itself; fetch it with \"git lfs pull\"");
+    }
+    let reason = "a git-annex pointer and not the file itself; fetch it with \"git annex get\"";
+    bytes.starts_with(ANNEX).then_some(reason)
 }
 
 /// Opens the file at `path`, which is read piece by piece: a recording may be longer than memory.

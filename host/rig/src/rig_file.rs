@@ -8,7 +8,8 @@
 //! focal_px = [533.16, 529.12]           # along x, along y
 //! principal_px = [154.43, 123.0]        # from the centre of the top left pixel
 //! offset_mm = [-70.0, 0.0]              # right and down of the rig's origin
-//! distortion = [0.0, 0.0, 0.0, 0.0, 0.0] # OpenCV's k1 k2 p1 p2 k3; optional, default 0
+//! distortion = [0.0, 0.0, 0.0, 0.0, 0.0] # OpenCV's k1 k2 p1 p2 k3, or also k4 k5 k6;
+//!                                       # optional, default 0
 //! rotation_deg = [0.0, 0.0, 0.0]        # about the rig's x, y, z; optional, default 0
 //!
 //! [stage]                               # optional; see `Stage`
@@ -69,11 +70,14 @@ const LIMIT_OFFSET_MM: f64 = 1e5;
 /// Reason that the refusals by [`can_undistort`] state.
 pub const NOT_A_LENS: &str =
     "this lens model cannot be inverted everywhere in the image, so it is not the lens's";
-/// Largest coefficient of a lens model; larger ones fold the image over.
-const LIMIT_DISTORTION: f64 = 1e3;
+/// Largest coefficient of a lens model. Those of long lenses are large, because they belong to
+/// powers of a small radius.
+const LIMIT_DISTORTION: f64 = 1e6;
 /// Largest rotation of a camera, degrees. Cameras turned farther were not meant to be parallel and
 /// have too small a common view.
 pub const LIMIT_ROTATION_DEG: f64 = 20.0;
+/// Largest component of a rotation that is read, degrees.
+const FULL_TURN_DEG: f64 = 360.0;
 /// Least distance between two cameras, mm. Closer ones are the same camera twice.
 const LEAST_BASELINE_MM: f64 = 0.1;
 
@@ -212,8 +216,8 @@ impl RigFile {
             let _ = writeln!(text, "focal_px = {:?}", camera.focal_px);
             let _ = writeln!(text, "principal_px = {:?}", camera.principal_px);
             let _ = writeln!(text, "offset_mm = {:?}", camera.offset_mm);
-            if camera.distortion != [0.0; 5] {
-                let _ = writeln!(text, "distortion = {:?}", camera.distortion);
+            if camera.coefficients() != [0.0; 5] {
+                let _ = writeln!(text, "distortion = {:?}", camera.coefficients());
             }
             if camera.rotation != Rotation::NONE {
                 let _ = writeln!(text, "rotation_deg = {:?}", camera.rotation.degrees());
@@ -357,16 +361,18 @@ fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputErr
         let axes: [Field<'_>; 2] = focal.fields()?;
         return Err(axes[index].fault(reason));
     }
+    let (coefficients, rational) = match &distortion {
+        Some(field) => lens(field)?,
+        None => ([0.0; 5], [0.0; 3]),
+    };
     let camera = Camera {
         focal_px,
         principal_px,
         offset_mm: table
             .required("offset_mm")?
             .each(|axis| axis.number(LIMIT_OFFSET_MM))?,
-        distortion: match &distortion {
-            Some(field) => field.each(|k| k.number(LIMIT_DISTORTION))?,
-            None => [0.0; 5],
-        },
+        distortion: coefficients,
+        rational,
         rotation: match table.optional("rotation_deg")? {
             Some(field) => rotation(&field)?,
             None => Rotation::NONE,
@@ -376,6 +382,23 @@ fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputErr
         Some(field) if !can_undistort(&camera, image_size_px) => Err(field.fault(NOT_A_LENS)),
         _ => Ok(camera),
     }
+}
+
+/// Reads the coefficients of a lens: Brown's five, or the rational model's eight.
+fn lens(field: &Field<'_>) -> Result<([f64; 5], [f64; 3]), InputError> {
+    let count = field.elements()?.len();
+    if count != 8 {
+        let brown = field.each(|k| k.number(LIMIT_DISTORTION));
+        let brown = brown.map_err(|mut error| {
+            if count != 5 {
+                error.reason += "; the rational model has 8";
+            }
+            error
+        });
+        return Ok((brown?, [0.0; 3]));
+    }
+    let [k1, k2, p1, p2, k3, k4, k5, k6] = field.each(|k| k.number(LIMIT_DISTORTION))?;
+    Ok(([k1, k2, p1, p2, k3], [k4, k5, k6]))
 }
 
 /// Returns the index of an impossible focal length, along x or y, and the reason.
@@ -403,24 +426,52 @@ pub fn focal_fault(focal_px: [f64; 2], image_size_px: [u32; 2]) -> Option<(usize
 }
 
 fn rotation(field: &Field<'_>) -> Result<Rotation, InputError> {
-    let degrees: [f64; 3] = field.each(|angle| angle.number(LIMIT_ROTATION_DEG))?;
-    let angle = degrees.iter().map(|d| d * d).sum::<f64>().sqrt();
-    if angle > LIMIT_ROTATION_DEG {
-        return Err(field.fault(format!(
-            "turned by {angle:.1} degrees, but cameras that see the same may be turned by \
-             {LIMIT_ROTATION_DEG} at most"
-        )));
+    let degrees: [f64; 3] = field.each(|angle| angle.number(FULL_TURN_DEG))?;
+    match turned_too_far(degrees) {
+        Some(reason) => Err(field.fault(format!("out of range: {reason}"))),
+        None => Ok(Rotation::from_degrees(degrees)),
     }
-    Ok(Rotation::from_degrees(degrees))
+}
+
+/// Returns the reason why no rig has a camera with this rotation (axis times angle, degrees), with
+/// the way out; `None` up to [`LIMIT_ROTATION_DEG`].
+pub fn turned_too_far(degrees: [f64; 3]) -> Option<String> {
+    let angle = degrees.iter().map(|d| d * d).sum::<f64>().sqrt();
+    if angle <= LIMIT_ROTATION_DEG {
+        return None;
+    }
+    let [x, y, roll] = degrees;
+    let roll = roll.abs();
+    // The tilt of a camera that is rolled by much shows as half of it beside the axis.
+    if x.hypot(y) > LIMIT_ROTATION_DEG.min(roll) {
+        return Some(format!(
+            "turned by {angle:.1} degrees, but cameras that see the same may be turned by \
+             {LIMIT_ROTATION_DEG} at most: point it where the others look, and calibrate anew"
+        ));
+    }
+    let way_out = match roll {
+        160.0..=200.0 => {
+            "turn its images by 180 degrees (the camera's own setting, or ffmpeg -vf hflip,vflip)"
+        }
+        _ => "mount it as the others",
+    };
+    Some(format!(
+        "turned by {angle:.1} degrees, mostly about its optical axis, but its images can be \
+         compared with the others' up to {LIMIT_ROTATION_DEG}: {way_out}, and calibrate anew"
+    ))
 }
 
 /// Returns true if removing and applying the distortion leads back to the same pixel, all around
-/// the image's border.
+/// the image's border, and if a rational model neither folds nor has a pole within.
 pub fn can_undistort(camera: &Camera, image_size_px: [u32; 2]) -> bool {
     const STEPS: u32 = 16;
     /// Tolerance of the round trip: far below the resolution of any tracker, far above rounding.
     const TOLERANCE_PX: f64 = 1e-3;
     let [width, height] = image_size_px.map(|size| f64::from(size) - 1.0);
+    let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
+    if camera.is_rational() && !is_rising(camera, corners) {
+        return false;
+    }
     (0..=STEPS)
         .map(|step| f64::from(step) / f64::from(STEPS))
         .flat_map(|share| {
@@ -430,6 +481,30 @@ pub fn can_undistort(camera: &Camera, image_size_px: [u32; 2]) -> bool {
         .all(|pixel| {
             let back = camera.denormalise(camera.normalise(pixel));
             (back[0] - pixel[0]).hypot(back[1] - pixel[1]) < TOLERANCE_PX
+        })
+}
+
+/// Returns true if the radial distortion rises all the way to the farthest of these pixels, which
+/// says that each pixel belongs to one direction.
+fn is_rising(camera: &Camera, pixels: [[f64; 2]; 4]) -> bool {
+    const STEPS: u32 = 256;
+    let upright = Camera {
+        rotation: Rotation::NONE,
+        ..*camera
+    };
+    let radius = |pixel: [f64; 2]| {
+        let [x, y] = upright.normalise(pixel);
+        x.hypot(y)
+    };
+    let farthest = pixels.map(radius).into_iter().fold(0.0, f64::max);
+    let mut last = 0.0;
+    farthest.is_finite()
+        && (1..=STEPS).all(|step| {
+            let r = farthest * f64::from(step) / f64::from(STEPS);
+            let seen = r * camera.radial(r * r);
+            let is_higher = camera.denominator(r * r) > 0.0 && seen > last;
+            last = seen;
+            is_higher
         })
 }
 

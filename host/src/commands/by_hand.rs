@@ -63,7 +63,9 @@ impl StageArgument {
         let Some(path) = &self.rig else {
             return Ok(None);
         };
-        self.stage_of(&RigFile::read(path)?).map(Some)
+        let rig = RigFile::read(path)?;
+        super::warnings::rig(path, &rig);
+        self.stage_of(&rig).map(Some)
     }
 
     /// Returns the path of the rig file, for a command that requires one.

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use trinocular_core::rig::{Camera, MAX_CAMERAS};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::calibration::exchange::{self, Assembled, CameraFile, Member};
+use trinocular_vision::calibration::exchange::{self, Assembled, CameraFile, Member, NamedCamera};
 
 use super::destination::Destination;
 use super::json;
@@ -18,10 +18,10 @@ use super::json;
 /// Turn calibrations of OpenCV and ROS into a rig file, or a rig file into theirs
 ///
 /// Reads one rig file (.toml), or one file per camera, whose name is the camera's: the YAML, JSON
-/// or XML of OpenCV's FileStorage (also .gz), or ROS's camera_info as YAML, as printed by rostopic
-/// echo, or as the INI file of its calibration program. Other known layouts, such as Kalibr's, are
-/// named with the way to one of these. Prints the rig file on standard output unless an option
-/// names a file or folder.
+/// or XML of OpenCV's FileStorage (also .gz), ROS's camera_info as YAML, as printed by rostopic
+/// echo, or as the INI file of its calibration program, or MATLAB's Calib_Results.m. A Kalibr
+/// camchain, or intrinsics and extrinsics of OpenCV's stereo_calib, hold all cameras. Prints the
+/// rig file on standard output unless an option names a file or folder.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ConvertOptions {
@@ -37,6 +37,11 @@ pub struct ConvertOptions {
     #[arg(long = "offset", value_name = "CAMERA=X,Y", allow_hyphen_values = true)]
     offsets: Vec<Offset>,
 
+    /// Width and height of the images, px, for files of OpenCV's stereo_calib, which lack it:
+    /// 640x480
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
+    image_size: Option<Size>,
+
     #[command(flatten)]
     destination: Destination,
 
@@ -49,7 +54,22 @@ const EXAMPLES: &str = "\
 Examples:
   trinocular convert left.yml right.yml --offset left=0,0 --offset right=68,0 --out rig.toml
   trinocular convert ost/left.yaml ost/right.yaml --out rig.toml
+  trinocular convert camchain.yaml --out rig.toml
+  trinocular convert intrinsics.yml extrinsics.yml --image-size 640x480 --out rig.toml
   trinocular convert rig.toml --ros camera_info/ --opencv opencv/";
+
+/// Width and height, px.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Size([u32; 2]);
+
+fn size(text: &str) -> Result<Size, String> {
+    let side = |text: &str| text.parse().ok().filter(|side| (8..=65_535).contains(side));
+    let sides = text.split_once(['x', 'X']);
+    let sides = sides.and_then(|(width, height)| Some([side(width)?, side(height)?]));
+    sides
+        .map(Size)
+        .ok_or_else(|| "must be WIDTHxHEIGHT in px, such as 640x480".to_owned())
+}
 
 #[derive(Clone, Debug, PartialEq)]
 struct Offset {
@@ -89,6 +109,11 @@ pub fn run(options: &ConvertOptions, out: &mut impl Write) -> Result<(), Failure
         file.extension()
             .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
     };
+    if options.image_size.is_some() && options.files.iter().any(is_toml) {
+        return Err(Failure::Usage(
+            "a rig file says itself how large its images are; leave --image-size out".to_owned(),
+        ));
+    }
     let rig = match options.files.as_slice() {
         [file] if is_toml(file) => match options.offsets.first() {
             None => RigFile::read(file).inspect(|rig| super::warnings::rig(file, rig))?,
@@ -104,7 +129,7 @@ pub fn run(options: &ConvertOptions, out: &mut impl Write) -> Result<(), Failure
             ));
         }
         files => {
-            let rig = assemble(files, &options.offsets)?;
+            let rig = assemble(options)?;
             if let Some(first) = files.first() {
                 super::warnings::rig(first, &rig);
             }
@@ -139,7 +164,50 @@ pub fn run(options: &ConvertOptions, out: &mut impl Write) -> Result<(), Failure
 }
 
 /// Assembles the rig of these cameras.
-fn assemble(files: &[PathBuf], offsets: &[Offset]) -> Result<RigFile, Failure> {
+fn assemble(options: &ConvertOptions) -> Result<RigFile, Failure> {
+    let size = options.image_size.map(|size| size.0);
+    let several = exchange::several(&options.files, size)?;
+    let lacks_size = several.as_ref().is_some_and(|several| several.lacks_size);
+    let cameras = match several {
+        _ if size.is_some() && !lacks_size => {
+            return Err(Failure::Usage(
+                "--image-size goes with the files of OpenCV's stereo_calib; all others hold it"
+                    .to_owned(),
+            ));
+        }
+        Some(several) => several.cameras,
+        None => single(&options.files)?,
+    };
+    let names: Vec<&str> = cameras.iter().map(|(name, ..)| name.as_str()).collect();
+    let offsets = &options.offsets;
+    let mut all = offsets.iter();
+    if let Some(unknown) = all.find(|offset| !names.contains(&offset.camera.as_str())) {
+        let reason = format!(
+            "--offset {}: the cameras are {}",
+            unknown.camera,
+            names.join(", ")
+        );
+        return Err(Failure::Usage(reason));
+    }
+    let member = |(name, path, file): (String, PathBuf, CameraFile)| {
+        let given = offsets.iter().rev().find(|offset| offset.camera == name);
+        Member {
+            offset_mm: given.map(|offset| offset.mm),
+            path,
+            name,
+            file,
+        }
+    };
+    let members: Vec<Member> = cameras.into_iter().map(member).collect();
+    let Assembled { rig, doubts } = exchange::assemble(&members)?;
+    for doubt in doubts {
+        super::warnings::raise(doubt.to_string());
+    }
+    Ok(rig)
+}
+
+/// Reads files of single cameras, which have the cameras' names.
+fn single(files: &[PathBuf]) -> Result<Vec<NamedCamera>, Failure> {
     if !(2..=MAX_CAMERAS).contains(&files.len()) {
         // A file of all cameras, as other programs write, is named for what it is.
         if let [only] = files {
@@ -150,36 +218,11 @@ fn assemble(files: &[PathBuf], offsets: &[Offset]) -> Result<RigFile, Failure> {
             "{count} file of a camera; a rig has 2 to {MAX_CAMERAS}"
         )));
     }
-    let names: Vec<String> = files
-        .iter()
-        .map(|file| exchange::camera_name(file))
-        .collect();
-    if let Some(unknown) = offsets
-        .iter()
-        .find(|offset| !names.contains(&offset.camera))
-    {
-        let reason = format!(
-            "--offset {}: the files are those of {}",
-            unknown.camera,
-            names.join(", ")
-        );
-        return Err(Failure::Usage(reason));
-    }
-    let mut members = Vec::new();
-    for (path, name) in files.iter().zip(&names) {
-        let given = offsets.iter().rev().find(|offset| offset.camera == *name);
-        members.push(Member {
-            path: path.clone(),
-            name: name.clone(),
-            file: CameraFile::read(path)?,
-            offset_mm: given.map(|offset| offset.mm),
-        });
-    }
-    let Assembled { rig, doubts } = exchange::assemble(&members)?;
-    for doubt in doubts {
-        super::warnings::raise(doubt.to_string());
-    }
-    Ok(rig)
+    let camera = |path: &PathBuf| {
+        let file = CameraFile::read(path)?;
+        Ok((exchange::camera_name(path), path.clone(), file))
+    };
+    files.iter().map(camera).collect()
 }
 
 /// Returns cameras and image size of the rig; no file is written yet.
@@ -189,7 +232,7 @@ fn to_json(rig: &RigFile) -> Value {
             "name": name,
             "focal_px": camera.focal_px,
             "principal_px": camera.principal_px,
-            "distortion": camera.distortion,
+            "distortion": camera.coefficients(),
             "offset_mm": camera.offset_mm,
             "rotation_deg": camera.rotation.degrees(),
         })

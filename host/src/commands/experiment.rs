@@ -71,8 +71,9 @@ fn stage(options: &ExperimentOptions) -> Result<Stage, InputError> {
         return Ok(default_stage());
     };
     let reason = "has no [stage] section, the only one that this experiment takes from a rig file";
-    let stage = RigFile::read(path)?.stage;
-    let stage = stage.ok_or_else(|| InputError::file(path, reason))?;
+    let rig = RigFile::read(path)?;
+    super::warnings::rig(path, &rig);
+    let stage = rig.stage.ok_or_else(|| InputError::file(path, reason))?;
     super::warnings::stage(path, &stage);
     Ok(stage)
 }

@@ -124,6 +124,9 @@ fn images(options: &ExportOptions, dir: &PathBuf, out: &mut impl Write) -> Resul
         return Err(InputError::file(dir, "exists and is no empty folder; name a new one").into());
     }
     let rig = options.rig.as_deref().map(RigFile::read).transpose()?;
+    if let (Some(path), Some(rig)) = (&options.rig, &rig) {
+        super::warnings::rig(path, rig);
+    }
     let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;
     // A limit of the file size is an error of the write then, and a signal ends between two files.
     interruption::watch().map_err(Failure::Signals)?;

@@ -6,9 +6,10 @@ use std::sync::Arc;
 use clap::Args;
 
 use crate::commands::failure::Failure;
+use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::flow::region::{Region, Regions};
-use trinocular_vision::images::folder;
+use trinocular_vision::flow::region::{Region, Regions, USED};
+use trinocular_vision::images::{Image, folder};
 
 /// Parts of the images in which points may be.
 #[derive(Clone, Debug, Args)]
@@ -58,6 +59,17 @@ fn mask(text: &str) -> Result<(Option<String>, PathBuf), String> {
     }
 }
 
+/// Returns the reason why a mask leaves nothing of the image; `None` if it leaves some of it.
+fn dark(mask: &Image) -> Option<String> {
+    let brightest = mask.grey.iter().copied().max().unwrap_or(0);
+    (brightest < USED).then(|| {
+        format!(
+            "the brightest pixel of the mask is {brightest} of 255, but only pixels of {USED} and \
+             more are used: write 255 where the image counts and 0 elsewhere"
+        )
+    })
+}
+
 impl RegionOption {
     /// Returns the regions of the rig's cameras. A region of one camera replaces that of all.
     pub fn regions(&self, rig: &RigFile) -> Result<Regions, Failure> {
@@ -100,6 +112,9 @@ impl RegionOption {
         for (camera, path) in masks {
             let indices = chosen(camera, "mask")?;
             let image = Arc::new(folder::read(path, rig.rig.image_size_px)?);
+            if let Some(reason) = dark(&image) {
+                return Err(InputError::file(path, reason).into());
+            }
             for index in indices {
                 regions[index].mask = Some(Arc::clone(&image));
             }

@@ -133,6 +133,7 @@ fn rig(path: Option<&Path>) -> Result<RigFile, Failure> {
         return Ok(RigFile::paper());
     };
     let rig = RigFile::read(path)?;
+    super::warnings::rig(path, &rig);
     if rig.stage.is_none() {
         let none = "has no [stage] section, which says what the station moves";
         return Err(InputError::file(path, none).into());

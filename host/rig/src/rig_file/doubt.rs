@@ -3,7 +3,7 @@
 use super::{RigFile, Stage};
 
 /// Least distance of cameras side by side, mm, because of their housings.
-const CLOSEST_MM: f64 = 5.0;
+const CLOSEST_MM: f64 = 10.0;
 /// Size below which a rig is probably in metres, mm.
 const METRES_MM: f64 = 0.5;
 /// Largest size of a rig on one frame, mm.
@@ -40,15 +40,18 @@ impl RigFile {
             dx.hypot(dy)
         };
         let pairs = (0..cameras.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
-        let widest = pairs.map(|(a, b)| apart(a, b)).fold(0.0, f64::max);
-        let guess = match widest {
-            w if w < METRES_MM => "are the offsets in metres?",
-            w if w < CLOSEST_MM => "are the offsets in centimetres?",
-            w if w > WIDEST_MM => "are the offsets in micrometres?",
+        let distances = || pairs.clone().map(|(a, b)| apart(a, b));
+        let widest = distances().fold(0.0, f64::max);
+        let closest = distances().fold(f64::INFINITY, f64::min);
+        let (most, distance, unit) = match widest {
+            w if w < METRES_MM => ("at most", widest, "metres"),
+            w if w > WIDEST_MM => ("at most", widest, "micrometres"),
+            _ if closest < CLOSEST_MM => ("only", closest, "centimetres"),
             _ => return None,
         };
         Some(format!(
-            "the cameras are at most {widest:.2} mm apart: {guess} offset_mm is in mm"
+            "the cameras are {most} {distance:.2} mm apart: are the offsets in {unit}? offset_mm \
+             is in mm"
         ))
     }
 
@@ -113,7 +116,7 @@ mod tests {
     #[test]
     fn plausible_rig_leaves_no_doubt() {
         assert_eq!(doubts(|_| ()), Vec::<String>::new());
-        assert_eq!(scaled(0.1), Vec::<String>::new());
+        assert_eq!(scaled(0.15), Vec::<String>::new());
         assert_eq!(scaled(30.0), Vec::<String>::new());
     }
 
@@ -122,6 +125,7 @@ mod tests {
         for (by, unit) in [
             (1e-3, "metres"),
             (0.02, "centimetres"),
+            (0.1, "centimetres"),
             (1e3, "micrometres"),
         ] {
             let doubts = scaled(by);

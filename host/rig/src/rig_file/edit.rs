@@ -114,8 +114,8 @@ pub fn with_cameras(file: &Path, text: &str, rig: &RigFile) -> Result<String, In
             write(table, "focal_px", camera.focal_px.into_iter());
             write(table, "principal_px", camera.principal_px.into_iter());
             write(table, "offset_mm", camera.offset_mm.into_iter());
-            if camera.distortion != [0.0; 5] || table.contains_key("distortion") {
-                write(table, "distortion", camera.distortion.into_iter());
+            if camera.coefficients() != [0.0; 5] || table.contains_key("distortion") {
+                write(table, "distortion", camera.coefficients().into_iter());
             }
             if camera.rotation != Rotation::NONE || table.contains_key("rotation_deg") {
                 write(table, "rotation_deg", camera.rotation.degrees().into_iter());

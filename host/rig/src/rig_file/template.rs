@@ -132,7 +132,7 @@ const CAMERAS: &str = "
 #   focal_px      along x and y: focal length in mm / pixel pitch in mm
 #   principal_px  where the optical axis meets the image, from the centre of the top left pixel
 #   offset_mm     right and down of the rig's origin; beware of metres
-#   distortion    k1 k2 p1 p2 k3 of OpenCV; zero without
+#   distortion    k1 k2 p1 p2 k3 of OpenCV, or also k4 k5 k6; zero without
 #   rotation_deg  turned about x, y, z against the rig's axes, at most 20 degrees; zero without
 ";
 

@@ -308,13 +308,67 @@ fn folding_lens_model_is_refused() {
 }
 
 #[test]
+fn rational_lens_is_read_and_checked() {
+    let with = |eight: &str| format!("offset_mm = [68.0, 0.0]\ndistortion = [{eight}]");
+    let text = |eight: &str| paper_text().replace("offset_mm = [68.0, 0.0]", &with(eight));
+    let rig = parse(&text("0.5, -2.6, 0.001, -0.0004, 1.5, 0.38, -2.4, 1.4")).unwrap();
+    let camera = &rig.rig.cameras[2];
+    assert_eq!(
+        (camera.distortion[4], camera.rational),
+        (1.5, [0.38, -2.4, 1.4])
+    );
+    assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+    // The denominator is zero within the image, or the image folds within; the border is right.
+    for eight in ["0, 0, 0, 0, 0, -50, 0, 0", "0, 0, 0, 0, 0, 0, 800, 0"] {
+        let (error, line) = refusal("offset_mm = [68.0, 0.0]", &with(eight));
+        assert_eq!(
+            error.field.as_deref(),
+            Some("camera[2].distortion"),
+            "{eight}"
+        );
+        assert_eq!(
+            (error.line, error.reason.as_str()),
+            (Some(line + 1), NOT_A_LENS),
+            "{eight}"
+        );
+    }
+    let (error, _) = refusal("offset_mm = [68.0, 0.0]", &with("0, 0, 0, 0, 0, 0"));
+    assert!(
+        error
+            .reason
+            .contains("expected 5 elements, found 6; the rational model has 8"),
+        "{error}"
+    );
+}
+
+#[test]
 fn slightly_turned_camera_is_valid() {
     let with = |degrees: &str| format!("offset_mm = [68.0, 0.0]\nrotation_deg = {degrees}");
     let text = paper_text().replace("offset_mm = [68.0, 0.0]", &with("[0.5, -1, 12]"));
     let rig = parse(&text).unwrap();
     assert_eq!(rig.rig.cameras[2].rotation.degrees(), [0.5, -1.0, 12.0]);
     for (bad, field, reason) in [
-        ("[0, 0, 21]", "camera[2].rotation_deg[2]", "out of range"),
+        ("[0, 0, 400]", "camera[2].rotation_deg[2]", "out of range"),
+        (
+            "[0, 0, 21]",
+            "camera[2].rotation_deg",
+            "turned by 21.0 degrees, mostly about its optical axis",
+        ),
+        (
+            "[1.5, 2, -179.5]",
+            "camera[2].rotation_deg",
+            "ffmpeg -vf hflip,vflip",
+        ),
+        (
+            "[0, 0, 90]",
+            "camera[2].rotation_deg",
+            "mount it as the others",
+        ),
+        (
+            "[25, 0, 5]",
+            "camera[2].rotation_deg",
+            "where the others look",
+        ),
         (
             "[15, 15, 0]",
             "camera[2].rotation_deg",

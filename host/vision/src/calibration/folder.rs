@@ -13,7 +13,7 @@ use super::rig::{self, Instant, RigCamera, RigSolution};
 use super::stand::doubts;
 use crate::images::Image;
 use crate::images::decode::Picture;
-use crate::images::series::{Images, Series};
+use crate::images::series::{Images, Series, pairing};
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::{RigFile, TRINOCULAR};
 
@@ -203,14 +203,20 @@ pub fn calibrate_listed(
     let Photographs { series, .. } = photographs;
     let total: usize = series.iter().map(|one| one.stills().len()).sum();
     let mut done = 0;
+    let mut next = || {
+        done += 1;
+        progress((done as f64 / total.max(1) as f64).min(1.0));
+    };
+    let all = look(series, settings, &mut next);
+    if !photographs.may_differ
+        && let Some(reason) = pairing::differing_rates(series)
+    {
+        return Err(InputError::file(dir, reason));
+    }
     let mut cameras = Vec::with_capacity(series.len());
     let mut instants: BTreeMap<String, Instant> = BTreeMap::new();
-    for (index, one) in series.iter().enumerate() {
-        let mut next = || {
-            done += 1;
-            progress((done as f64 / total.max(1) as f64).min(1.0));
-        };
-        let (camera, found) = calibrate_camera(dir, one, settings, &mut next)?;
+    for (index, (one, mut found)) in series.iter().zip(all).enumerate() {
+        let camera = calibrate_camera(dir, one, settings, &mut found)?;
         let looked = found.instants.into_iter().zip(found.boards);
         for ((instant, found), pose) in looked.zip(&camera.intrinsics.poses) {
             let seen = instants
@@ -244,55 +250,55 @@ struct Looked {
     /// Names of the images.
     files: Vec<String>,
     boards: Vec<Result<FoundBoard, ImageRejection>>,
+    /// Width and height of the images, px, once one has been read.
+    size_px: Option<[u32; 2]>,
 }
 
-/// Looks for the board in every image of the series, once each: a pipe's come only once.
-fn look(
-    series: &Series,
-    settings: &CalibrationSettings,
-    size: &mut Option<[u32; 2]>,
-    next: &mut dyn FnMut(),
-) -> Looked {
-    let mut looked = Looked::default();
-    let mut add = |instant: String, file: String, picture: Result<Picture, InputError>| {
-        looked.instants.push(instant);
-        looked.files.push(file);
-        looked.boards.push(corners(picture, settings, size));
-        next();
-    };
-    match &series.images {
-        Images::Stills(stills) => {
-            for still in stills {
-                add(still.instant.clone(), still.name(), still.read(None));
-            }
+/// Looks for the board in every image of all series, once each: a pipe's come only once. The first
+/// images of all cameras come first, because a program that writes several pipes waits if one of
+/// them is not read.
+fn look(series: &[Series], settings: &CalibrationSettings, next: &mut dyn FnMut()) -> Vec<Looked> {
+    let mut all: Vec<Looked> = series.iter().map(|_| Looked::default()).collect();
+    for index in 0.. {
+        let mut is_over = true;
+        for (one, looked) in series.iter().zip(&mut all) {
+            let number = index + 1;
+            let came = match &one.images {
+                Images::Stills(stills) => (stills.get(index))
+                    .map(|still| (still.instant.clone(), still.name(), still.read(None))),
+                Images::Pipe(pipe) => (pipe.next(None))
+                    .map(|picture| (number.to_string(), format!("frame {number}"), picture)),
+            };
+            let Some((instant, file, picture)) = came else {
+                continue;
+            };
+            is_over = false;
+            looked.instants.push(instant);
+            looked.files.push(file);
+            let board = corners(picture, settings, &mut looked.size_px);
+            looked.boards.push(board);
+            next();
         }
-        Images::Pipe(pipe) => {
-            for number in 1.. {
-                let Some(picture) = pipe.next(None) else {
-                    break;
-                };
-                add(number.to_string(), format!("frame {number}"), picture);
-            }
+        if is_over {
+            break;
         }
     }
-    looked
+    all
 }
 
 fn calibrate_camera(
     dir: &Path,
     series: &Series,
     settings: &CalibrationSettings,
-    next: &mut dyn FnMut(),
-) -> Result<(CameraResult, Looked), InputError> {
-    let mut size = None;
-    let mut looked = look(series, settings, &mut size, next);
+    looked: &mut Looked,
+) -> Result<CameraResult, InputError> {
     let fault =
         |reason: String| InputError::file(dir, format!("camera `{}`: {reason}", series.name));
     let files = looked.files.clone();
     reject_repeated(&files, &mut looked.boards);
     let found = &looked.boards;
     // No readable image counts as too few images.
-    let image_size_px = size.unwrap_or_default();
+    let image_size_px = looked.size_px.unwrap_or_default();
     let intrinsics = intrinsics::calibrate(&settings.board, image_size_px, found, settings.outlier)
         .map_err(|(refusal, verdicts)| {
             let reasons: Vec<String> = std::iter::once(refusal.to_string())
@@ -301,15 +307,12 @@ fn calibrate_camera(
             fault(reasons.join("; "))
         })?;
     let name = series.name.clone();
-    Ok((
-        CameraResult {
-            name,
-            files,
-            image_size_px,
-            intrinsics,
-        },
-        looked,
-    ))
+    Ok(CameraResult {
+        name,
+        files,
+        image_size_px,
+        intrinsics,
+    })
 }
 
 /// Returns the largest residual of a camera on its own, px.

@@ -33,11 +33,12 @@ impl Lens {
             principal_px: [cx, cy],
             offset_mm: [0.0; 2],
             distortion: [k1, k2, p1, p2, k3],
+            rational: [0.0; 3],
             rotation: Rotation::NONE,
         }
     }
 
-    /// Returns the lens of a camera.
+    /// Returns the lens of a camera, without the denominator of a rational model.
     pub fn of(camera: &Camera) -> Self {
         let ([fx, fy], [cx, cy]) = (camera.focal_px, camera.principal_px);
         let [k1, k2, p1, p2, k3] = camera.distortion;

@@ -27,6 +27,8 @@ pub struct Photographs {
     pub warnings: Vec<InputError>,
     /// Rule by which images are of one instant; `None` for equal names, unless the caller gave it.
     pub pairing: Option<String>,
+    /// True if the user gave the rule, so that videos may have different rates.
+    pub may_differ: bool,
 }
 
 /// Lists the images in a folder, or in one stack or video; at least one camera's.
@@ -93,6 +95,7 @@ pub fn list_paired(input: &Path, rule: Option<Rule>) -> Result<Photographs, Inpu
         series,
         warnings: warnings.map(|said| InputError::file(input, said)).collect(),
         pairing: pairing.map(|said| format!("images of one instant by {said}")),
+        may_differ: rule.is_some(),
     })
 }
 

@@ -14,6 +14,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use trinocular_core::rig::{Camera, Rotation};
 
 use super::lens::Lens;
+use trinocular_rig::rig_file::turned_too_far;
 
 /// Cameras spread in a second direction if they reach this far across their line, as a share of its
 /// length.
@@ -93,7 +94,9 @@ pub fn doubts(names: &[&str], stands: &[CameraPose], sigma: &[CameraPose]) -> Ve
             ));
         }
         let turned = stand.rotation_deg.iter().map(|d| d * d).sum::<f64>().sqrt();
-        if turned > TURNED_DEG {
+        if let Some(reason) = turned_too_far(stand.rotation_deg) {
+            doubts.push(format!("{name} is {reason}; no rig file can be written"));
+        } else if turned > TURNED_DEG {
             doubts.push(format!(
                 "{name} is turned by {turned:.1} degrees; that is rectified, but the cameras see \
                  less in common"

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use crate::images::Image;
 
 /// Grey level from which a pixel of a mask may be used.
-const USED: u8 = 128;
+pub const USED: u8 = 128;
 
 /// Pixels of one camera in which points may be.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

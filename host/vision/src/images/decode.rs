@@ -21,6 +21,7 @@ use image::codecs::webp::WebPDecoder;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, Limits};
 
 use super::Image;
+use super::tiff_directory::Form;
 
 pub use depth::Picture;
 pub use panic::caught;
@@ -115,7 +116,7 @@ pub fn decode_tiff(
             size_px,
             extra: 0,
         };
-        judge.whole(TiffDecoder::new(reader)?, tiff_least)
+        judge.tiff(reader)
     };
     panic::caught(decode).unwrap_or_else(|| Err(confused()))
 }
@@ -130,7 +131,13 @@ fn tiff_least([width, height]: [u64; 2]) -> u64 {
 }
 
 fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Picture, Refusal> {
-    let format = image::guess_format(bytes).ok();
+    let is_big_tiff = [b"II\x2b\0", b"MM\0\x2b"]
+        .iter()
+        .any(|start| bytes.starts_with(*start));
+    let format = match is_big_tiff {
+        true => Some(ImageFormat::Tiff),
+        false => image::guess_format(bytes).ok(),
+    };
     match format {
         Some(ImageFormat::Png) => {
             let file = png::without_metadata(bytes)?;
@@ -162,10 +169,7 @@ fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Picture,
             judge.size(decoder.dimensions().into(), |_| least)?;
             judge.decode(decoder)
         }
-        Some(ImageFormat::Tiff) => {
-            let decoder = TiffDecoder::new(Cursor::new(bytes))?;
-            Judge::plain(bytes, size_px).whole(decoder, tiff_least)
-        }
+        Some(ImageFormat::Tiff) => Judge::plain(bytes, size_px).tiff(Cursor::new(bytes)),
         Some(ImageFormat::Bmp) => {
             let decoder = BmpDecoder::new(Cursor::new(bytes))?;
             Judge::plain(bytes, size_px)
@@ -176,6 +180,7 @@ fn decode_as_claimed(bytes: &[u8], size_px: Option<[u32; 2]>) -> Result<Picture,
             // An even image of any size is a few bytes.
             Judge::plain(bytes, size_px).whole(decoder, |_| 0)
         }
+        _ if bytes.is_empty() => Err(Refusal::Malformed("the file is empty".to_owned())),
         _ => {
             let reason = "none of PNG, JPEG, PNM, TIFF, BMP and WebP";
             Err(Refusal::Malformed(reason.to_owned()))
@@ -210,6 +215,19 @@ impl Judge {
     ) -> Result<Picture, Refusal> {
         self.size(decoder.dimensions().into(), least)?;
         self.decode(decoder)
+    }
+
+    /// Decodes the first page of a TIFF file.
+    fn tiff(&self, mut reader: impl BufRead + Seek) -> Result<Picture, Refusal> {
+        let unread = |cause: std::io::Error| Refusal::Malformed(cause.to_string());
+        let form = Form::of(&mut reader).map_err(unread)?;
+        let at = form.first_directory(&mut reader).map_err(unread)?;
+        let directory = form.directory(&mut reader, at).map_err(unread)?;
+        if let Some(reason) = directory.unfit_values() {
+            return Err(Refusal::Malformed(reason));
+        }
+        reader.rewind().map_err(unread)?;
+        self.whole(TiffDecoder::new(reader)?, tiff_least)
     }
 
     /// Checks the claimed size. `least` returns the least length of a file of this size, bytes.

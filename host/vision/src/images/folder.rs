@@ -18,7 +18,7 @@
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use image::{ExtendedColorType, ImageFormat};
 
@@ -95,6 +95,8 @@ pub struct Folder {
     places: Vec<HashMap<String, usize>>,
     frames: Vec<String>,
     pairing: Pairing,
+    /// True if the user gave the rule, so that videos may have different rates.
+    may_differ: bool,
     size_px: [u32; 2],
     period_us: u64,
     /// Images that are not read, per folder, and the depth of the first frame set.
@@ -163,6 +165,7 @@ impl Folder {
             frames: Vec::new(),
             cameras: series,
             pairing: Pairing::default(),
+            may_differ: rule.is_some(),
             size_px: image_size_px,
             period_us,
             warnings: unread
@@ -193,20 +196,19 @@ impl Folder {
             return Ok(folder);
         }
         folder.look_at_depth(dir);
-        let lost: Option<Vec<PathBuf>> = folder.frames.iter().map(|f| folder.lost(f)).collect();
-        match lost.as_deref() {
-            Some([first, ..]) => {
-                let mut error = incomplete(first);
-                if let Some(endings) = folder.endings() {
-                    error.reason = format!("{}; {endings}", error.reason);
-                }
-                if rule.is_none() {
-                    error.reason += "; --pair order or --pair time pairs images of other names";
-                }
-                Err(error)
-            }
-            _ => Ok(folder),
+        let mut lost = folder.frames.iter().map(|frame| folder.lost(frame));
+        let mut error = match lost.next() {
+            None | Some(None) => return Ok(folder),
+            Some(Some(_)) if lost.any(|lost| lost.is_none()) => return Ok(folder),
+            Some(Some(first)) => first,
+        };
+        if let Some(endings) = folder.endings() {
+            error.reason = format!("{}; {endings}", error.reason);
         }
+        if rule.is_none() {
+            error.reason += "; --pair order or --pair time pairs images of other names";
+        }
+        Err(error)
     }
 
     fn has_pipe(&self) -> bool {
@@ -252,7 +254,7 @@ impl Folder {
     /// [`InputError`] with the first file that is missing.
     pub fn complete(self) -> Result<Self, InputError> {
         match self.frames.iter().find_map(|frame| self.lost(frame)) {
-            Some(file) => Err(incomplete(&file)),
+            Some(error) => Err(error),
             None => Ok(self),
         }
     }
@@ -300,12 +302,29 @@ impl Folder {
         Some(format!("{count}frame sets by {said}"))
     }
 
-    /// Returns the first file of this frame set that is missing.
-    pub fn lost(&self, frame: &str) -> Option<PathBuf> {
-        let cameras = self.cameras.iter().enumerate();
-        let mut stills = cameras.filter(|(_, camera)| !matches!(camera.images, Images::Pipe(_)));
+    /// Returns an error for the first camera without an image of this frame set; `None` if it is
+    /// whole. The error names the missing file, or its partner if the missing name is not known.
+    pub fn lost(&self, frame: &str) -> Option<InputError> {
+        let cameras = || self.cameras.iter().enumerate();
+        let mut stills = cameras().filter(|(_, camera)| !matches!(camera.images, Images::Pipe(_)));
         let (_, camera) = stills.find(|(index, _)| self.still(*index, frame).is_none())?;
-        Some(camera.place.join(frame))
+        let partner = cameras().find_map(|(index, _)| self.still(index, frame));
+        let is_named = |still: &Still| still.name() == frame;
+        let own_folders =
+            cameras().all(|(_, other)| !other.is_numbered() && other.has_own_folder());
+        Some(match partner {
+            Some(partner) if !(own_folders && is_named(partner)) => {
+                let reason = format!(
+                    "has no partner: camera `{}` has no image of the same instant",
+                    camera.name
+                );
+                InputError::file(&partner.file, reason)
+            }
+            _ => InputError::file(
+                &camera.place.join(frame),
+                "missing, but another camera has a file of this name",
+            ),
+        })
     }
 
     /// Describes the endings of the files, if cameras have files of different endings.
@@ -359,10 +378,18 @@ impl Folder {
         }
     }
 
-    /// Reads the frame set at `index`, of pipes the next one; `None` at the end.
+    /// Reads the frame set at `index`, of pipes the next one; `None` at the end. Pipes of different
+    /// rates end with an error at their first frames.
     fn next_views(&self, index: usize) -> Option<Result<Vec<Picture>, InputError>> {
         if !self.has_pipe() {
             return self.frames.get(index).map(|frame| self.views(frame));
+        }
+        let differing = || match self.may_differ {
+            true => None,
+            false => pairing::differing_rates(&self.cameras),
+        };
+        if index > 0 && differing().is_some() {
+            return None;
         }
         let next = |camera: &Series| match &camera.images {
             Images::Stills(stills) => Some(stills.get(index)?.read(Some(self.size_px))),
@@ -371,6 +398,9 @@ impl Folder {
         // All are taken, so that an error of one camera shifts no other's frames.
         let views: Vec<_> = self.cameras.iter().map(next).collect();
         let views: Option<Vec<_>> = views.into_iter().collect();
+        if let Some(reason) = differing() {
+            return Some(Err(InputError::file(&self.cameras.first()?.place, reason)));
+        }
         Some(views?.into_iter().collect())
     }
 
@@ -405,13 +435,6 @@ fn bits_in_use(views: &[Picture], so_far: u32) -> u32 {
 fn scale(bits: u32) -> String {
     let divisor = 1 << (bits - 8);
     format!("16-bit images that use {bits} bits; values are divided by {divisor}")
-}
-
-fn incomplete(missing: &Path) -> InputError {
-    InputError::file(
-        missing,
-        "missing, but another camera has a file of this name",
-    )
 }
 
 /// Writes a frame set as number `index` into `dir`, one PNG per camera, and makes folders as

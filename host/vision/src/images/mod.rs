@@ -28,6 +28,7 @@ pub mod render;
 pub mod series;
 mod spline;
 pub mod texture;
+mod tiff_directory;
 
 pub use folder::Folder;
 pub use render::{Exposure, Pose, Scene, SceneError, SceneSettings};

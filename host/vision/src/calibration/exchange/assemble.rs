@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Isometry3, Vector3};
-use trinocular_core::rig::Rig;
+use trinocular_core::rig::{Camera, Rig};
 
 use super::CameraFile;
 use super::yaml::Place;
@@ -67,7 +67,10 @@ pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
     let known: Vec<&str> = names.iter().map(String::as_str).collect();
     let doubts = doubts(&known, &stands, &vec![CameraPose::default(); stands.len()]);
     let cameras = stands.iter().zip(members);
-    let cameras = cameras.map(|(stand, member)| stand.camera(&member.file.lens));
+    let cameras = cameras.map(|(stand, member)| Camera {
+        rational: member.file.rational,
+        ..stand.camera(&member.file.lens)
+    });
     let rig = Rig {
         image_size_px: size,
         cameras: cameras.collect(),

@@ -1,4 +1,4 @@
-//! Camera files of other programs that are not read, and how to convert them.
+//! Files of other programs that are not read as the file of one camera, and the way out.
 
 use std::path::Path;
 
@@ -13,27 +13,20 @@ struct Layout {
 }
 
 /// Layouts of YAML and INI, recognised by the names that start lines. The first that fits counts.
-const LAYOUTS: [Layout; 6] = [
+const LAYOUTS: [Layout; 5] = [
     Layout {
         names: &["camera_model", "distortion_coeffs", "intrinsics"],
-        reason: "a Kalibr camchain, which is not read: write one file per camera with image_width, \
-                 image_height, camera_matrix from `intrinsics` (fu fv pu pv), \
-                 distortion_coefficients from `distortion_coeffs` (radtan: k1 k2 p1 p2), and R and \
-                 T from T_cn_cnm1 (T in mm: times 1000); the \
-                 first camera's R is the unit matrix and its T zero",
+        reason: "a Kalibr camchain, which holds all cameras: give it alone",
     },
     Layout {
         names: &["M1", "D1"],
-        reason: "the intrinsics of OpenCV's stereo_calib, which are not read: write one file per \
-                 camera with image_width and image_height, M1 or M2 as camera_matrix, D1 or D2 as \
-                 distortion_coefficients, R and T of the extrinsics for the second camera, \
-                 and the unit matrix and zero for the first",
+        reason: "the intrinsics of OpenCV's stereo_calib, which hold two cameras: give \
+                 intrinsics.yml and extrinsics.yml, and no other file",
     },
     Layout {
         names: &["R", "T", "R1", "P1"],
-        reason: "the extrinsics of OpenCV's stereo_calib, which are not read alone: write one file \
-                 per camera with image_width, image_height, camera_matrix and \
-                 distortion_coefficients, and put R and T (mm) into the second camera's",
+        reason: "the extrinsics of OpenCV's stereo_calib, which have no lenses: give \
+                 intrinsics.yml and extrinsics.yml, and no other file",
     },
     Layout {
         names: &["projection_parameters"],
@@ -44,12 +37,6 @@ const LAYOUTS: [Layout; 6] = [
         names: &["Camera.fx"],
         reason: "a settings file of ORB-SLAM, which is not read: write Camera.fx, fy, cx, cy as \
                  camera_matrix and Camera.k1, k2, p1, p2, k3 as distortion_coefficients",
-    },
-    Layout {
-        names: &["fc", "cc", "kc"],
-        reason: "Calib_Results.m of the MATLAB toolbox, which is not read: write nx and ny as \
-                 image_width and image_height, fc and cc as camera_matrix [fx 0 cx; 0 fy cy; 0 0 \
-                 1], and kc (k1 k2 p1 p2 k3) as distortion_coefficients",
     },
 ];
 
@@ -99,11 +86,10 @@ mod tests {
             ),
             ("projection_parameters:\n  fx: 1\n", "camodocal"),
             ("Camera.fx: 500\n", "ORB-SLAM"),
-            ("fc = [ 1 ; 2 ];\ncc = [ 3 ; 4 ];\nkc = [ 0 ];\n", "MATLAB"),
         ] {
             let error = check(Path::new("left.yml"), text).unwrap_err().to_string();
             assert!(
-                error.contains(name) && error.contains("not read"),
+                error.contains(name) && (error.contains("not read") || error.contains("give ")),
                 "{text}: {error}"
             );
         }

@@ -18,12 +18,13 @@ use std::path::Path;
 use super::yaml::{Document, Entry};
 use trinocular_rig::error::InputError;
 
-/// Names in the file, names of the values, rows and columns; a single value has none.
+/// Names in the file, names of the values, rows and columns. A single value has neither, a list no
+/// columns.
 const NAMES: [(&str, &str, [&str; 2]); 6] = [
     ("width", "image_width", ["", ""]),
     ("height", "image_height", ["", ""]),
     ("camera matrix", "camera_matrix", ["3", "3"]),
-    ("distortion", "distortion_coefficients", ["1", "5"]),
+    ("distortion", "distortion_coefficients", ["1", ""]),
     ("rectification", "rectification_matrix", ["3", "3"]),
     ("projection", "projection_matrix", ["3", "4"]),
 ];
@@ -67,6 +68,7 @@ pub(super) fn parse<'a>(file: &'a Path, text: &'a str) -> Result<Document<'a>, I
         let single = data.first().map_or("", |(_, value)| *value);
         let entry = match rows {
             "" => Entry::Scalar(single),
+            _ if cols.is_empty() => Entry::List(data),
             rows => Entry::Matrix { rows, cols, data },
         };
         (name, line, entry)

@@ -1,6 +1,7 @@
 //! Camera files of other programs: OpenCV's FileStorage (YAML, JSON, XML) and ROS's `camera_info`
 //! YAML, one file per camera; also OpenCV 2.4's spellings, `.gz` files, a printed `camera_info`
-//! message (`rostopic echo`) and the calibration program's INI file (`ost.ini`, `ost.txt`).
+//! message (`rostopic echo`), the calibration program's INI file (`ost.ini`, `ost.txt`) and
+//! MATLAB's `Calib_Results.m`. [`several`] reads files of several cameras.
 //!
 //! | | OpenCV | ROS |
 //! |---|---|---|
@@ -13,8 +14,8 @@
 //! and name. Both kinds are read by the same code, according to their content. Known layouts that
 //! are not read are named, with the way to one that is.
 //!
-//! `distortion_model` may also be empty, if all coefficients are 0, or `rational_polynomial`, if
-//! k4 k5 k6 are 0.
+//! `distortion_model` may also be `rational_polynomial` (k4 k5 k6), or empty if all coefficients
+//! are 0.
 
 use std::fmt::Write as _;
 use std::io::Read as _;
@@ -32,17 +33,20 @@ use yaml::{Document, Node, quoted};
 mod assemble;
 mod foreign;
 mod ini;
+mod matlab;
+mod several;
 mod xml;
 mod yaml;
 
 pub use assemble::{Assembled, Member, assemble};
+pub use several::{NamedCamera, Several, several};
 pub use yaml::Place;
 
 #[cfg(test)]
 mod tests;
 
-/// Number of OpenCV's distortion coefficients that the rig file supports: k1 k2 p1 p2 k3.
-const KNOWN: usize = 5;
+/// Number of OpenCV's distortion coefficients that the rig file supports: k1 k2 p1 p2 k3 k4 k5 k6.
+const KNOWN: usize = 8;
 /// Largest deviation of a matrix from a rotation, for files with four digits.
 const NOT_A_ROTATION: f64 = 1e-3;
 const MM_PER_M: f64 = 1e3;
@@ -79,6 +83,8 @@ pub struct CameraFile {
     pub image_size_px: [u32; 2],
     /// Lens: focal lengths, principal point, distortion.
     pub lens: Lens,
+    /// Denominator of the rational model, k4 k5 k6; zero without.
+    pub rational: [f64; 3],
     /// Motion from the rig's axes to the camera's, mm, if the file has one.
     pub motion: Option<Isometry3<f64>>,
     /// Places of the values in the file.
@@ -113,10 +119,14 @@ pub fn camera_name(file: &Path) -> String {
 impl CameraFile {
     /// Reads an OpenCV or ROS file.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let bytes = input::bytes(path, LIMIT)?;
-        match bytes.starts_with(&GZIP) {
-            true => Self::parse(path, &unpacked(path, &bytes)?),
-            false => Self::parse(path, &bytes),
+        Self::parse(path, &content(path)?)
+    }
+
+    /// Returns the camera at the rig's origin, without rotation.
+    pub fn camera(&self) -> Camera {
+        Camera {
+            rational: self.rational,
+            ..self.lens.camera()
         }
     }
 
@@ -138,12 +148,11 @@ impl CameraFile {
     /// # Ok::<(), trinocular_rig::error::InputError>(())
     /// ```
     pub fn parse(file: &Path, bytes: &[u8]) -> Result<Self, InputError> {
-        let text = std::str::from_utf8(bytes).map_err(|error| {
-            not_utf8(file, bytes.get(..error.valid_up_to()).unwrap_or_default())
-        })?;
+        let text = &text_of(file, bytes)?;
         let document = match xml::is_xml(text) {
             true => xml::parse(file, text, &KEYS)?,
             false if ini::is_ini(text) => ini::parse(file, text)?,
+            false if matlab::is_matlab(text) => matlab::parse(file, text)?,
             false => {
                 foreign::check(file, text)?;
                 Document::parse(file, text, &KEYS)?
@@ -158,8 +167,8 @@ impl CameraFile {
             && !["", "plumb_bob", "rational_polynomial"].contains(&name)
         {
             let reason = format!(
-                "the model is `{}`; only plumb_bob (k1 k2 p1 p2 k3) can be read, and \
-                 rational_polynomial whose k4 k5 k6 are 0",
+                "the model is `{}`; only plumb_bob (k1 k2 p1 p2 k3) and rational_polynomial (also \
+                 k4 k5 k6) can be read: calibrate with one of them",
                 quoted(name)
             );
             return Err(model.fault(reason));
@@ -175,22 +184,19 @@ impl CameraFile {
             return Err(flag.fault(reason));
         }
         let matrix = root.required("camera_matrix")?;
-        let [fx, fy, cx, cy] = camera_matrix(&matrix, image_size_px)?;
+        let four = matrix_elements(&matrix, image_size_px)?;
         let coefficients = root.required("distortion_coefficients")?;
-        let [k1, k2, p1, p2, k3] = distortion(&coefficients)?;
+        let eight = distortion(&coefficients)?;
         // Drivers of rectified and simulated cameras leave the model empty.
         if let Some(model) = &model
             && name.is_empty()
-            && [k1, k2, p1, p2, k3] != [0.0; KNOWN]
+            && eight != [0.0; KNOWN]
         {
             let reason = "the model is empty, but some coefficients are not 0; name the model \
                           they belong to, such as plumb_bob";
             return Err(model.fault(reason));
         }
-        let lens = Lens([fx, fy, cx, cy, k1, k2, p1, p2, k3]);
-        if !can_undistort(&lens.camera(), image_size_px) {
-            return Err(coefficients.fault(NOT_A_LENS));
-        }
+        let (lens, rational) = lens_of(four, eight);
         let (turn, shift, motion);
         match (root.optional("projection_matrix")?, root.optional("R")?) {
             (Some(projection), _) => {
@@ -215,12 +221,45 @@ impl CameraFile {
             turn: turn.map(|turn| turn.place()),
             shift: shift.map(|shift| shift.place()),
         };
-        Ok(Self {
+        let file = Self {
             image_size_px,
             lens,
+            rational,
             motion,
             places,
-        })
+        };
+        not_invertible(&file, &coefficients)?;
+        Ok(file)
+    }
+}
+
+/// Reads a camera file, and unpacks it.
+fn content(path: &Path) -> Result<Vec<u8>, InputError> {
+    let bytes = input::bytes(path, LIMIT)?;
+    match bytes.starts_with(&GZIP) {
+        true => unpacked(path, &bytes),
+        false => Ok(bytes),
+    }
+}
+
+fn text_of(file: &Path, bytes: &[u8]) -> Result<String, InputError> {
+    let text = std::str::from_utf8(bytes);
+    let text =
+        text.map_err(|error| not_utf8(file, bytes.get(..error.valid_up_to()).unwrap_or_default()))?;
+    Ok(text.to_owned())
+}
+
+/// Returns the lens of focal lengths, principal point and coefficients, and its denominator.
+fn lens_of([fx, fy, cx, cy]: [f64; 4], coefficients: [f64; KNOWN]) -> (Lens, [f64; 3]) {
+    let [k1, k2, p1, p2, k3, k4, k5, k6] = coefficients;
+    (Lens([fx, fy, cx, cy, k1, k2, p1, p2, k3]), [k4, k5, k6])
+}
+
+/// Refuses a lens that is not invertible in the image.
+fn not_invertible(file: &CameraFile, coefficients: &Node<'_>) -> Result<(), InputError> {
+    match can_undistort(&file.camera(), file.image_size_px) {
+        true => Ok(()),
+        false => Err(coefficients.fault(NOT_A_LENS)),
     }
 }
 
@@ -296,11 +335,21 @@ fn numbers<const N: usize>(field: &Node<'_>) -> Result<[f64; N], InputError> {
 }
 
 /// Returns focal lengths and principal point, checked by the rules of a rig file.
-fn camera_matrix(field: &Node<'_>, image_size_px: [u32; 2]) -> Result<[f64; 4], InputError> {
+fn matrix_elements(field: &Node<'_>, image_size_px: [u32; 2]) -> Result<[f64; 4], InputError> {
     let [fx, skew, cx, zero, fy, cy, a, b, one] = numbers(field)?;
     if [skew, zero, a, b] != [0.0; 4] || one != 1.0 {
         return Err(field.fault("must be [fx 0 cx; 0 fy cy; 0 0 1]"));
     }
+    plausible(field, [fx, fy, cx, cy], image_size_px)?;
+    Ok([fx, fy, cx, cy])
+}
+
+/// Refuses impossible focal lengths, and a principal point outside of the image.
+fn plausible(
+    field: &Node<'_>,
+    [fx, fy, cx, cy]: [f64; 4],
+    image_size_px: [u32; 2],
+) -> Result<(), InputError> {
     if let Some((_, reason)) = focal_fault([fx, fy], image_size_px) {
         return Err(field.fault(format!("focal lengths: {reason}")));
     }
@@ -311,14 +360,14 @@ fn camera_matrix(field: &Node<'_>, image_size_px: [u32; 2]) -> Result<[f64; 4], 
             "the principal point {cx}, {cy} is outside the image of {width} x {height} px"
         )));
     }
-    Ok([fx, fy, cx, cy])
+    Ok(())
 }
 
 fn distortion(field: &Node<'_>) -> Result<[f64; KNOWN], InputError> {
     let elements = elements(field)?;
     if elements.iter().skip(KNOWN).any(|k| *k != 0.0) {
-        let reason = "more than k1 k2 p1 p2 k3: calibrate without the rational and thin-prism \
-                      models, that is, with 5 coefficients (ROS: cameracalibrator -k 3)";
+        let reason = "more than k1 k2 p1 p2 k3 k4 k5 k6: calibrate without the thin-prism and \
+                      tilted models, that is, with 5 or 8 coefficients";
         return Err(field.fault(reason));
     }
     Ok(std::array::from_fn(|i| {
@@ -327,7 +376,10 @@ fn distortion(field: &Node<'_>) -> Result<[f64; KNOWN], InputError> {
 }
 
 fn rotation(field: &Node<'_>) -> Result<UnitQuaternion<f64>, InputError> {
-    let matrix = Matrix3::from_row_slice(&numbers::<9>(field)?);
+    rotation_of(field, Matrix3::from_row_slice(&numbers::<9>(field)?))
+}
+
+fn rotation_of(field: &Node<'_>, matrix: Matrix3<f64>) -> Result<UnitQuaternion<f64>, InputError> {
     let off = (matrix * matrix.transpose() - Matrix3::identity())
         .abs()
         .max();
@@ -383,7 +435,7 @@ pub fn opencv(camera: &Camera, image_size_px: [u32; 2]) -> String {
         );
     };
     matrix("camera_matrix", 3, &matrix_of(camera));
-    matrix("distortion_coefficients", 1, &camera.distortion);
+    matrix("distortion_coefficients", 1, &camera.coefficients());
     matrix("R", 3, turn.as_flattened());
     matrix("T", 3, &shift);
     text
@@ -414,10 +466,15 @@ pub fn ros(name: &str, camera: &Camera, rig: &Rig) -> String {
         );
     };
     matrix("camera_matrix", 3, &matrix_of(camera));
-    matrix("distortion_coefficients", 1, &camera.distortion);
+    matrix("distortion_coefficients", 1, &camera.coefficients());
     matrix("rectification_matrix", 3, back.as_flattened());
     matrix("projection_matrix", 3, &projection);
-    text.push_str("distortion_model: plumb_bob\n");
+    let model = if camera.is_rational() {
+        "rational_polynomial"
+    } else {
+        "plumb_bob"
+    };
+    let _ = writeln!(text, "distortion_model: {model}");
     text
 }
 

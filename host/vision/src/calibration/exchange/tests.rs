@@ -31,7 +31,15 @@ fn camera() -> Camera {
         principal_px: [154.43, 123.0],
         offset_mm: [-70.0, 0.25],
         distortion: [-0.28, 0.05, 1e-3, -2e-3, 0.0],
+        rational: [0.0; 3],
         rotation: Rotation::from_degrees([0.4, -1.3, 2.0]),
+    }
+}
+
+fn rational() -> Camera {
+    Camera {
+        rational: [0.02, -0.01, 1.0 / 3.0],
+        ..camera()
     }
 }
 
@@ -44,15 +52,15 @@ fn back(file: &CameraFile) -> Camera {
     Camera {
         offset_mm: [place.x, place.y],
         rotation: Rotation::from_degrees(degrees.into()),
-        ..file.lens.camera()
+        ..file.camera()
     }
 }
 
 #[track_caller]
 fn assert_same(found: &Camera, expected: &Camera) {
     assert_eq!(
-        Lens::of(found),
-        Lens::of(expected),
+        (Lens::of(found), found.rational),
+        (Lens::of(expected), expected.rational),
         "lenses are written with every digit"
     );
     for i in 0..2 {
@@ -85,7 +93,9 @@ fn opencv_file_is_read() {
 fn both_formats_round_trip() {
     let rig = Rig {
         image_size_px: [320, 240],
-        cameras: [camera(), Rig::paper().cameras[2]].into_iter().collect(),
+        cameras: [camera(), Rig::paper().cameras[2], rational()]
+            .into_iter()
+            .collect(),
     };
     for camera in &rig.cameras {
         for text in [opencv(camera, rig.image_size_px), ros("left", camera, &rig)] {
@@ -137,8 +147,9 @@ fn unknown_coefficients_must_be_zero() {
         parse(&with("0.1, 0.2, 0.003, 0.004", 4)).unwrap().lens.0[4..],
         [0.1, 0.2, 0.003, 0.004, 0.0]
     );
-    assert!(parse(&with("0.1, 0.2, 0, 0, 0.5, 0, 0, 0", 8)).is_ok());
-    let error = parse(&with("0.1, 0.2, 0, 0, 0.5, 0.1, 0, 0", 8)).unwrap_err();
+    assert!(parse(&with("0.1, 0.2, 0, 0, 0.5, 0, 0, 0, 0, 0, 0, 0", 12)).is_ok());
+    let prism = "0.1, 0.2, 0, 0, 0.5, 0, 0, 0, 0.01, 0, 0, 0";
+    let error = parse(&with(prism, 12)).unwrap_err();
     assert_eq!(
         (error.line, error.field.as_deref()),
         (Some(4), Some("distortion_coefficients"))
@@ -204,18 +215,21 @@ fn with_model(model: &str, data: &str, cols: usize) -> String {
 
 #[test]
 fn model_is_judged_by_its_coefficients() {
-    let eight = "0.1, 0.2, 0.003, 0.004, 0.5, 0, 0, 0";
+    let eight = "0.1, 0.2, 0.003, 0.004, 0.5, 0.01, 0.02, 0.03";
     let rational = parse(&with_model("rational_polynomial", eight, 8)).unwrap();
     assert_eq!(rational.lens.0[4..], [0.1, 0.2, 0.003, 0.004, 0.5]);
+    assert_eq!(rational.rational, [0.01, 0.02, 0.03]);
+    let five = parse(&with_model("rational_polynomial", "0.1, 0, 0, 0, 0", 5)).unwrap();
+    assert_eq!(five.rational, [0.0; 3]);
     let plain = parse(&with_model("''", "0, 0, 0, 0, 0", 5)).unwrap();
     assert_eq!(plain.lens.0[4..], [0.0; 5]);
     let none = parse(&with_model("''", "", 0)).unwrap();
     assert_eq!(none.lens.0[4..], [0.0; 5]);
     for (text, field, reason) in [
         (
-            with_model("rational_polynomial", "0.1, 0, 0, 0, 0, 0.3, 0, 0", 8),
+            with_model("rational_polynomial", "0, 0, 0, 0, 0, -8, 0, 0", 8),
             "distortion_coefficients",
-            "5 coefficients",
+            "cannot be inverted",
         ),
         (
             with_model("''", "0.1, 0, 0, 0, 0", 5),
@@ -618,6 +632,8 @@ fn ini_of_ros_calibration_is_read() {
         (known(&file), file.motion),
         (known(&expected), expected.motion)
     );
+    let eight = text.replace("0.0 0.1\n", "0.0 0.1 0.01 0.02 0.03\n");
+    assert_eq!(parse(&eight).unwrap().rational, [0.01, 0.02, 0.03]);
     let error = parse(&format!("{text}[other]\n")).unwrap_err();
     assert!(error.reason.starts_with("a second camera"), "{error}");
     let error = parse(&text.replace("533.1", "x")).unwrap_err();
@@ -638,4 +654,177 @@ fn camera_is_named_by_its_file() {
     ] {
         assert_eq!(camera_name(Path::new(file)), name, "{file}");
     }
+}
+
+#[test]
+fn matlab_file_is_read() {
+    let text = "% Intrinsic and Extrinsic Camera Parameters\n\n%-- Focal length:\nfc = [ \
+                657.395445 ; 657.763178 ];\n\ncc = [ 302.983690 ; 242.616570 ];\n\nalpha_c = \
+                0.000000000000000;\n\nkc = [ -0.255584 ; 0.127569 ; -0.000208 ;\n 0.000032 ; \
+                0.000000 ];\n\nfc_error = [ 0.346 ; 0.370 ];\n\nnx = 640;\nny = 480;\n\nomc_1 = [ \
+                1.65e+00 ; 1.6e+00 ; -6.6e-01 ];\n";
+    let file = parse(text).unwrap();
+    assert_eq!(file.image_size_px, [640, 480]);
+    let expected = [
+        657.395_445,
+        657.763_178,
+        302.983_69,
+        242.616_57,
+        -0.255_584,
+        0.127_569,
+        -0.000_208,
+        0.000_032,
+        0.0,
+    ];
+    assert_eq!(file.lens.0, expected);
+    assert_eq!((file.motion, file.places.matrix.line), (None, 4));
+    for (from, to, line, reason) in [
+        (
+            "alpha_c = 0.000",
+            "alpha_c = 0.001",
+            Some(4),
+            "must be [fx 0 cx",
+        ),
+        ("302.983690 ;", "", Some(6), "expected 2 numbers, found 1"),
+        ("nx = 640;", "", None, "nx is missing"),
+        ("-0.255584", "x", Some(10), "not a finite number"),
+    ] {
+        let error = parse(&text.replace(from, to)).unwrap_err();
+        assert_eq!(error.line, line, "{error}");
+        assert!(error.reason.contains(reason), "{error}");
+    }
+}
+
+const CHAIN: &str = "cam0:
+  cam_overlaps: [1]
+  camera_model: pinhole
+  distortion_coeffs: [-0.0007, -0.0063, 0.001, 0.0004]
+  distortion_model: radtan
+  intrinsics: [384.5, 386.0, 324.5, 238.4]
+  resolution: [640, 480]
+  rostopic: /cam0
+cam1:
+  T_cn_cnm1:
+  - [0.0, -1.0, 0.0, 0.002]
+  - [1.0, 0.0, 0.0, -0.08]
+  - [0.0, 0.0, 1.0, 0.0]
+  - [0.0, 0.0, 0.0, 1.0]
+  camera_model: pinhole
+  distortion_coeffs: [0.0, 0.0, 0.0, 0.0]
+  distortion_model: none
+  intrinsics: [375.4, 376.3, 321.3, 235.6]
+  resolution: [640, 480]
+cam2:
+  T_cn_cnm1:
+  - [1.0, 0.0, 0.0, -0.05]
+  - [0.0, 1.0, 0.0, 0.0]
+  - [0.0, 0.0, 1.0, 0.0]
+  - [0.0, 0.0, 0.0, 1.0]
+  camera_model: pinhole
+  distortion_coeffs: [0.0, 0.0, 0.0, 0.0]
+  distortion_model: radtan
+  intrinsics: [375.4, 376.3, 321.3, 235.6]
+  resolution: [640, 480]
+";
+
+/// Returns the cameras of files with these contents.
+fn read_several(texts: &[&str], size_px: Option<[u32; 2]>) -> Result<Option<Several>, InputError> {
+    let dir = tempfile::tempdir().unwrap();
+    let paths = texts.iter().enumerate().map(|(index, text)| {
+        let path = dir.path().join(format!("{index}.yml"));
+        std::fs::write(&path, text).unwrap();
+        path
+    });
+    several(&paths.collect::<Vec<_>>(), size_px)
+}
+
+#[test]
+fn kalibr_camchain_is_read() {
+    let cameras = read_several(&[CHAIN], None).unwrap().unwrap().cameras;
+    let names: Vec<&str> = cameras.iter().map(|(name, ..)| name.as_str()).collect();
+    assert_eq!(names, ["cam0", "cam1", "cam2"]);
+    let [(_, _, first), (_, _, second), (_, _, third)] = cameras.as_slice() else {
+        panic!("three cameras");
+    };
+    assert_eq!(
+        first.lens.0[..8],
+        [384.5, 386.0, 324.5, 238.4, -0.0007, -0.0063, 0.001, 0.0004]
+    );
+    assert_eq!(first.motion, Some(Isometry3::identity()));
+    // A camera is at -R^T T; the chain turns the third one's step.
+    let centre = |file: &CameraFile| {
+        let motion = file.motion.unwrap();
+        motion.inverse_transform_vector(&-motion.translation.vector)
+    };
+    assert!((centre(second) - Vector3::new(80.0, 2.0, 0.0)).norm() < 1e-9);
+    assert!(
+        (centre(third) - Vector3::new(80.0, -48.0, 0.0)).norm() < 1e-9,
+        "{}",
+        centre(third)
+    );
+    for (from, to, field, reason) in [
+        ("pinhole", "omni", "cam0.camera_model", "only pinhole"),
+        (
+            "radtan",
+            "equidistant",
+            "cam0.distortion_model",
+            "only radtan",
+        ),
+        (
+            "0.0, -1.0, 0.0, 0.002",
+            "0.0, -2.0, 0.0, 0.002",
+            "cam1.T_cn_cnm1",
+            "not a rotation",
+        ),
+        ("384.5,", "", "cam0.intrinsics", "expected 4 numbers"),
+        ("324.5", "700", "cam0.intrinsics", "principal point"),
+    ] {
+        let error = read_several(&[&CHAIN.replacen(from, to, 1)], None).unwrap_err();
+        assert_eq!(error.field.as_deref(), Some(field), "{error}");
+        assert!(error.reason.contains(reason), "{error}");
+    }
+}
+
+#[test]
+fn files_of_stereo_calib_are_read() {
+    let lens = |number: u32, focal: f64| {
+        format!(
+            "M{number}: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ {focal}, 0., \
+             342.3, 0., 533.1, 234.4, 0., 0., 1. ]\nD{number}: !!opencv-matrix\n   rows: 1\n   \
+             cols: 14\n   dt: d\n   data: [ -0.1, 0.03, 0.001, 0., 0., 0., 0., 0.02, 0., 0., 0., \
+             0., 0., 0. ]\n"
+        )
+    };
+    let intrinsics = format!("%YAML 1.2\n---\n{}{}", lens(1, 533.0), lens(2, 535.5));
+    let extrinsics = "%YAML:1.0\n---\nR: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ \
+                      1., 0., 0., 0., 1., 0., 0., 0., 1. ]\nT: !!opencv-matrix\n   rows: 3\n   cols: \
+                      1\n   dt: d\n   data: [ -83.2, 0.5, 0. ]\nR1: 0\nP1: 0\n";
+    let size = Some([640, 480]);
+    for order in [[&intrinsics, extrinsics], [extrinsics, &intrinsics]] {
+        let cameras = read_several(&order, size).unwrap().unwrap().cameras;
+        let [(left, _, first), (right, _, second)] = cameras.as_slice() else {
+            panic!("two cameras");
+        };
+        assert_eq!((left.as_str(), right.as_str()), ("left", "right"));
+        assert_eq!((first.lens.0[0], second.lens.0[0]), (533.0, 535.5));
+        assert_eq!(
+            (first.image_size_px, second.rational),
+            ([640, 480], [0.0, 0.0, 0.02])
+        );
+        let shift = second.motion.unwrap().translation.vector;
+        assert_eq!(shift, Vector3::new(-83.2, 0.5, 0.0));
+    }
+    for (texts, size, reason) in [
+        (
+            vec![intrinsics.as_str(), extrinsics],
+            None,
+            "--image-size 640x480",
+        ),
+        (vec![intrinsics.as_str()], size, "give both files"),
+        (vec![intrinsics.as_str(), "R: 0\n"], size, "give both files"),
+    ] {
+        let error = read_several(&texts, size).unwrap_err().to_string();
+        assert!(error.contains(reason), "{error}");
+    }
+    assert_eq!(read_several(&[OPENCV, OPENCV], None), Ok(None));
 }

@@ -71,6 +71,8 @@ pub(super) enum Entry<'a> {
         /// Elements, row by row.
         data: Vec<(usize, &'a str)>,
     },
+    /// List of numbers, with the line of each.
+    List(Vec<(usize, &'a str)>),
 }
 
 /// Value with its place.
@@ -148,6 +150,11 @@ impl<'a> Document<'a> {
                     (Cow::Borrowed("cols"), scalar(line, cols)),
                     (Cow::Borrowed("data"), list),
                 ]);
+                Tree { line, value }
+            }
+            Entry::List(data) => {
+                let data = data.into_iter().map(|(line, text)| scalar(line, text));
+                let value = Value::List(data.collect());
                 Tree { line, value }
             }
         };

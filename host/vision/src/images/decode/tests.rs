@@ -246,11 +246,70 @@ fn truncated_png_and_pnm_are_refused() {
 
 #[test]
 fn other_formats_are_refused() {
-    for bytes in [&b""[..], b"GIF89a", b"text", b"BZh9"] {
+    for bytes in [&b"GIF89a"[..], b"text", b"BZh9"] {
         assert!(
             refusal(bytes)
                 .to_string()
                 .contains("none of PNG, JPEG, PNM, TIFF, BMP and WebP")
+        );
+    }
+}
+
+#[test]
+fn empty_file_is_named() {
+    assert!(refusal(b"").to_string().contains("the file is empty"));
+}
+
+/// Returns a BigTIFF file of 2 x 2 px with these bits per value, format and pixels.
+fn big_tiff(bits: u64, format: u64, pixels: &[u8]) -> Vec<u8> {
+    let fields = [
+        (256, 2),
+        (257, 2),
+        (258, bits),
+        (259, 1),
+        (262, 1),
+        (273, 16),
+        (277, 1),
+        (278, 2),
+        (279, pixels.len() as u64),
+        (339, format),
+    ];
+    let mut file = b"II\x2b\0\x08\0\0\0".to_vec();
+    file.extend((16 + pixels.len() as u64).to_le_bytes());
+    file.extend(pixels);
+    file.extend((fields.len() as u64).to_le_bytes());
+    for (tag, value) in fields {
+        file.extend(u16::to_le_bytes(tag));
+        file.extend(16_u16.to_le_bytes());
+        file.extend(1_u64.to_le_bytes());
+        file.extend(u64::to_le_bytes(value));
+    }
+    file.extend([0; 8]);
+    file
+}
+
+#[test]
+fn big_tiff_is_read() {
+    let picture = decode_deep(&big_tiff(16, 1, &[1, 2, 3, 4, 5, 6, 7, 8]), Some([2, 2])).unwrap();
+    let Picture::Sixteen { levels, .. } = picture else {
+        panic!("16 bits");
+    };
+    assert_eq!(levels, [0x201, 0x403, 0x605, 0x807]);
+}
+
+#[test]
+fn tiff_of_other_values_is_refused() {
+    for (bits, format, said) in [
+        (32, 3, "floating-point numbers of 32 bits"),
+        (64, 3, "floating-point numbers of 64 bits"),
+        (32, 1, "whole numbers of 32 bits"),
+        (16, 2, "signed numbers of 16 bits"),
+    ] {
+        let pixels = vec![1; 4 * bits as usize / 8];
+        let refusal = refusal(&big_tiff(bits, format, &pixels)).to_string();
+        assert!(
+            refusal.contains(said) && refusal.contains("save as 16 bits"),
+            "{refusal}"
         );
     }
 }

@@ -1,6 +1,6 @@
 //! Search of a folder for the images of each camera.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use trinocular_rig::error::InputError;
 pub struct Found {
     /// Images of each camera.
     pub series: Vec<Series>,
-    /// Folders with images in formats that are not read, with a message.
+    /// Folders with images that are not read or belong to no camera, with a message.
     pub unread: Vec<(PathBuf, String)>,
 }
 
@@ -23,6 +23,19 @@ impl Found {
         let remark = listing.remark();
         self.unread
             .extend(remark.map(|remark| (place.to_owned(), remark)));
+    }
+
+    /// Notes images beside those of the cameras.
+    fn note_strangers(&mut self, place: &Path, strangers: &[String], why: &str) {
+        if let [first, ..] = strangers {
+            let (images, belong) = match strangers.len() {
+                1 => ("image", "belongs"),
+                _ => ("images", "belong"),
+            };
+            let count = strangers.len();
+            let said = format!("{count} {images} {belong} to no camera, first {first}: {why}");
+            self.unread.push((place.to_owned(), said));
+        }
     }
 }
 
@@ -71,7 +84,29 @@ pub fn of_cameras(dir: &Path, names: &[String]) -> Result<Found, InputError> {
             });
         }
     }
+    let files = |one: &Series| -> Vec<PathBuf> {
+        let stills = one.stills().iter().map(|still| still.file.clone());
+        stills.chain([one.place.clone()]).collect()
+    };
+    let used: HashSet<PathBuf> = found.series.iter().flat_map(files).collect();
+    let mut strangers: Vec<String> = folder::listing(dir)?.files.into_iter().collect();
+    strangers.retain(|file| !used.contains(&dir.join(file)));
+    let why = format!(
+        "not used; names begin with a camera's ({}) and a number",
+        names.join(", ")
+    );
+    found.note_strangers(dir, &strangers, &why);
     Ok(found)
+}
+
+/// Returns the longest of the cameras' names that a name begins with, before a number or separator.
+fn owner<'n>(stem: &str, names: &'n [String]) -> Option<&'n String> {
+    let fits = |name: &&String| {
+        let rest = stem.strip_prefix(name.as_str());
+        let next = rest.and_then(|rest| rest.chars().next());
+        next.is_some_and(|next| next.is_ascii_digit() || SEPARATORS.contains(&next))
+    };
+    names.iter().filter(fits).max_by_key(|name| name.len())
 }
 
 /// Finds the images of all cameras in a folder, or in one stack or video, whose names are the
@@ -102,6 +137,9 @@ pub fn of_all(input: &Path) -> Result<Found, InputError> {
         }
     }
     if !found.series.is_empty() {
+        let strangers: Vec<String> = folder::listing(input)?.files.into_iter().collect();
+        let why = "not used, because the images of cameras are in folders beside them";
+        found.note_strangers(input, &strangers, why);
         return Ok(found);
     }
     for file in file_names(input)? {
@@ -169,7 +207,7 @@ fn is_stack(path: &Path) -> bool {
     let is_tiff = ["tif", "tiff"]
         .iter()
         .any(|tiff| ending.eq_ignore_ascii_case(tiff));
-    is_tiff && stack::pages(path).is_ok_and(|pages| pages.len() > 1)
+    is_tiff && stack::pages(path).is_ok_and(|pages| pages.count() > 1)
 }
 
 /// Returns the names of a folder's files, in order; hidden ones are left out.
@@ -202,12 +240,7 @@ fn with_prefix(dir: &Path, name: &str, names: &[String]) -> Result<Vec<Still>, I
     let listing = folder::listing(dir)?;
     let files = listing.files.iter().filter_map(|file| {
         let (stem, _) = split_ending(file);
-        let fits = |name: &&String| {
-            let rest = stem.strip_prefix(name.as_str());
-            let next = rest.and_then(|rest| rest.chars().next());
-            next.is_some_and(|next| next.is_ascii_digit() || SEPARATORS.contains(&next))
-        };
-        let owner = names.iter().filter(fits).max_by_key(|name| name.len())?;
+        let owner = owner(stem, names)?;
         let rest = file.strip_prefix(name).filter(|_| owner == name)?;
         let instant = rest.trim_start_matches(SEPARATORS);
         Some(Still::file(instant, dir.join(file)))

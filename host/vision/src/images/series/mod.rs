@@ -16,6 +16,7 @@ use std::sync::Arc;
 
 use super::decode::{LARGEST_FILE, Picture, Refusal, decode_deep};
 use pipe::Pipe;
+use stack::{Contiguous, Pages};
 use trinocular_rig::error::InputError;
 use trinocular_rig::input::{self, Limit};
 use y4m::Header;
@@ -66,6 +67,11 @@ enum Part {
         number: usize,
         directory: u64,
     },
+    /// Image of an ImageJ stack with one directory, numbered from 1.
+    Slice {
+        number: usize,
+        stack: Contiguous,
+    },
     /// Frame of a Y4M video, numbered from 1.
     Frame {
         number: usize,
@@ -91,7 +97,7 @@ impl Still {
                 let name = self.file.file_name().unwrap_or_default();
                 name.to_string_lossy().into_owned()
             }
-            Part::Page { number, .. } => format!("page {number}"),
+            Part::Page { number, .. } | Part::Slice { number, .. } => format!("page {number}"),
             Part::Frame { number, .. } => format!("frame {number}"),
         }
     }
@@ -105,6 +111,7 @@ impl Still {
         let decoded = match &self.part {
             Part::Whole => decode_deep(&bytes(file)?, size_px),
             Part::Page { directory, .. } => stack::read(file, *directory, size_px)?,
+            Part::Slice { number, stack } => sized(Ok(stack.read(file, number - 1)?), size_px),
             Part::Frame { header, at, .. } => {
                 let mut reader = input::open(file)?;
                 reader
@@ -169,16 +176,26 @@ impl Series {
     /// # Errors
     /// [`InputError`] if the file is no TIFF file.
     pub fn stack(name: &str, path: &Path) -> Result<Self, InputError> {
-        let pages = stack::pages(path)?.into_iter().zip(1..);
-        let still = |(directory, number): (u64, usize)| Still {
+        let still = |number: usize, part| Still {
             instant: number.to_string(),
             file: path.to_owned(),
-            part: Part::Page { number, directory },
+            part,
+        };
+        let stills = match stack::pages(path)? {
+            Pages::Directories(pages) => {
+                let pages = pages.into_iter().zip(1..);
+                pages
+                    .map(|(directory, number)| still(number, Part::Page { number, directory }))
+                    .collect()
+            }
+            Pages::Contiguous(stack) => (1..=stack.count)
+                .map(|number| still(number, Part::Slice { number, stack }))
+                .collect(),
         };
         Ok(Self {
             name: name.to_owned(),
             place: path.to_owned(),
-            images: Images::Stills(pages.map(still).collect()),
+            images: Images::Stills(stills),
         })
     }
 
@@ -228,6 +245,13 @@ impl Series {
         }
     }
 
+    /// Returns true if the series is a folder of the camera's name.
+    pub fn has_own_folder(&self) -> bool {
+        self.place
+            .file_name()
+            .is_some_and(|name| name.to_string_lossy() == self.name)
+    }
+
     /// Returns true if the images are numbered pages or frames of one file or pipe, which have no
     /// names.
     pub fn is_numbered(&self) -> bool {
@@ -237,8 +261,11 @@ impl Series {
         }
     }
 
-    /// Returns the frames per second of a video file, as a fraction.
+    /// Returns the frames per second of a video, as a fraction; that of a pipe once it has begun.
     pub fn rate(&self) -> Option<[u32; 2]> {
+        if let Images::Pipe(pipe) = &self.images {
+            return pipe.rate();
+        }
         match &self.stills().first()?.part {
             Part::Frame { header, .. } => header.rate,
             _ => None,

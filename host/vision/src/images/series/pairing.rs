@@ -1,8 +1,9 @@
 //! Decision which images of several cameras are of one instant.
 //!
-//! Images of equal names are of one instant. Where names differ from camera to camera, their endings, their last
-//! numbers or the times in them decide. Pages of stacks and frames of videos have no names: those
-//! of equal number are of one instant.
+//! Images of equal names are of one instant. Where names differ from camera to camera, their
+//! endings, the times in them or their last numbers decide, whichever pairs most images. Pages of
+//! stacks and frames of videos have no names: those of equal number are of one instant, if the
+//! videos have the same rate.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -30,8 +31,8 @@ pub struct Pairing {
     pub times_us: BTreeMap<String, i64>,
 }
 
-/// Gives images of one instant the same [`Still::instant`]. Without a `rule`, names decide, or
-/// numbers for stacks and videos, or times if no names agree but all hold a time.
+/// Gives images of one instant the same [`Still::instant`]. Without a `rule`, the form of the names
+/// decides that pairs most images, or numbers for stacks and videos.
 ///
 /// # Errors
 /// Reason why the rule cannot be applied, in words.
@@ -40,22 +41,71 @@ pub fn pair(series: &mut [Series], rule: Option<Rule>) -> Result<Pairing, String
     match rule {
         Some(Rule::Order) => Ok(by_order(series)),
         Some(Rule::Time) => by_time(series),
-        None if is_numbered => Ok(by_order(series)),
+        None if is_numbered => match differing_rates(series) {
+            Some(reason) => Err(reason),
+            None => Ok(by_order(series)),
+        },
         Some(Rule::Name) if is_numbered => {
             Err("pages and frames have no names; use --pair order".to_owned())
         }
-        Some(Rule::Name) | None => {
-            let named = by_name(series);
-            if named.is_none() && rule.is_none() && times(series).is_some() {
-                return by_time(series);
-            }
-            let said = named.unwrap_or_else(|| rule.map(|_| "equal names".to_owned()));
-            Ok(Pairing {
-                said,
-                ..Pairing::default()
-            })
-        }
+        Some(Rule::Name) => Ok(Pairing {
+            said: by_name(series).unwrap_or_else(|| Some("equal names".to_owned())),
+            ..Pairing::default()
+        }),
+        None => Ok(by_most(series)),
     }
+}
+
+/// Describes two videos of different frame rates, whose frames of equal number are not of one
+/// instant; `None` if all known rates are equal.
+pub fn differing_rates(series: &[Series]) -> Option<String> {
+    let mut known = series.iter().filter_map(|one| Some((one, one.rate()?)));
+    let (first, [above, below]) = known.next()?;
+    let is_other =
+        |[a, b]: [u32; 2]| u64::from(a) * u64::from(below) != u64::from(above) * u64::from(b);
+    let (other, [a, b]) = known.find(|(_, rate)| is_other(*rate))?;
+    let fps = |above: u32, below: u32| f64::from(above) / f64::from(below);
+    Some(format!(
+        "{} has {:.3} frames per second, {} has {:.3}, so that frames of equal number are not of \
+         one instant: convert them to one rate (ffmpeg -r), or give --pair order to pair them \
+         nevertheless",
+        first.place.display(),
+        fps(above, below),
+        other.place.display(),
+        fps(a, b)
+    ))
+}
+
+/// Pairs by the names or by the times in them, whichever gives more instants of all cameras. Of as
+/// many, equal names come first, then times, then the last numbers of the names.
+fn by_most(series: &mut [Series]) -> Pairing {
+    let (mut named, mut timed) = (series.to_vec(), series.to_vec());
+    let said = by_name(&mut named);
+    let is_exact = said
+        .as_ref()
+        .is_some_and(|said| said.as_deref() != Some(LAST_NUMBERS));
+    let mut best = Pairing {
+        said: said.clone().flatten(),
+        ..Pairing::default()
+    };
+    let names = if said.is_some() { common(&named) } else { 0 };
+    let least = series.iter().map(|one| one.stills().len()).min();
+    // Names that pair all images need no comparison.
+    if !(is_exact && Some(names) == least)
+        && have_distinct_times(series)
+        && let Ok(pairing) = by_time(&mut timed)
+        && (common(&timed) > names || (!is_exact && common(&timed) >= names))
+    {
+        best = pairing;
+        named = timed;
+    }
+    series.clone_from_slice(&named);
+    best
+}
+
+/// Returns the number of instants of which every series has an image.
+fn common(series: &[Series]) -> usize {
+    shared(series, whole).unwrap_or(0)
 }
 
 /// Returns the number of names that all series have, by a form of the name; `None` if two images of
@@ -83,12 +133,24 @@ fn whole(still: &Still) -> Option<String> {
 }
 
 fn stem(still: &Still) -> Option<String> {
-    Some(split_ending(&still.instant).0.to_owned())
+    Some(without_ending(still).to_owned())
 }
+
+/// Returns the name of the instant without the file's ending, which may be off already.
+fn without_ending(still: &Still) -> &str {
+    let file = still.file.file_name().unwrap_or_default();
+    match file.to_string_lossy().ends_with(&still.instant) {
+        true => split_ending(&still.instant).0,
+        false => &still.instant,
+    }
+}
+
+/// Description of pairs by [`last_number`].
+const LAST_NUMBERS: &str = "the last numbers of their names";
 
 /// Returns the last number of a name, without leading zeros.
 fn last_number(still: &Still) -> Option<String> {
-    let (stem, _) = split_ending(&still.instant);
+    let stem = without_ending(still);
     let stem = stem.trim_end_matches(|c: char| !c.is_ascii_digit());
     let text = stem.trim_end_matches(|c: char| c.is_ascii_digit());
     let number = &stem[text.len()..];
@@ -102,7 +164,7 @@ fn by_name(series: &mut [Series]) -> Option<Option<String>> {
     let forms: [(Form, Option<&str>); 3] = [
         (whole, None),
         (stem, Some("equal names, endings aside")),
-        (last_number, Some("the last numbers of their names")),
+        (last_number, Some(LAST_NUMBERS)),
     ];
     let mut best: Option<(usize, Form, Option<&str>)> = None;
     for (form, said) in forms {
@@ -145,7 +207,9 @@ fn by_order(series: &mut [Series]) -> Pairing {
         .collect();
     let more = longer.iter().map(|text| format!("; {text}"));
     let said = format!("their order{}", more.collect::<String>());
-    // Images at the end without a partner are dropped, so that they do not count as lost.
+    // Images at the end without a partner are dropped, so that they do not count as lost. Without
+    // any pair, all stay, so that the folder is refused by their names.
+    let least = if least == 0 { usize::MAX } else { least };
     for one in series.iter_mut() {
         if let Some(stills) = one.stills_mut() {
             stills.truncate(least);
@@ -159,9 +223,19 @@ fn by_order(series: &mut [Series]) -> Pairing {
 
 /// Returns the time of each image of each series, µs, if all names hold one.
 fn times(series: &[Series]) -> Option<Vec<Vec<i64>>> {
-    let time = |still: &Still| name_time::time_us(split_ending(&still.instant).0);
+    let time = |still: &Still| name_time::time_us(without_ending(still));
     let of_series = |one: &Series| one.stills().iter().map(time).collect();
     series.iter().map(of_series).collect()
+}
+
+/// Returns true if all names hold a time, and no two images of a series have the same: a date that
+/// all names share is no time of an image.
+fn have_distinct_times(series: &[Series]) -> bool {
+    let is_distinct = |times: &Vec<i64>| {
+        let distinct: BTreeSet<i64> = times.iter().copied().collect();
+        distinct.len() == times.len()
+    };
+    times(series).is_some_and(|times| times.iter().all(is_distinct))
 }
 
 /// Pairs each image of the first series with the nearest in time of every other, within half the
@@ -178,7 +252,8 @@ fn by_time(series: &mut [Series]) -> Result<Pairing, String> {
     gaps.sort_unstable();
     // A single image may be a second apart.
     let limit = gaps.get(gaps.len() / 2).map_or(1_000_000, |gap| gap / 2);
-    let (mut largest, mut alone) = (0, 0);
+    let total: usize = series.iter().map(|one| one.stills().len()).sum();
+    let mut largest = 0;
     for (one, times) in series.iter_mut().zip(&times) {
         let mut kept: BTreeMap<i64, (i64, Still)> = BTreeMap::new();
         for (still, time) in one.stills().iter().zip(times) {
@@ -196,7 +271,6 @@ fn by_time(series: &mut [Series]) -> Result<Pairing, String> {
                 kept.insert(*at, (off, still));
             }
         }
-        alone += one.stills().len() - kept.len();
         largest = kept
             .values()
             .map(|(off, _)| *off)
@@ -205,6 +279,13 @@ fn by_time(series: &mut [Series]) -> Result<Pairing, String> {
             .max(largest);
         one.images = Images::Stills(kept.into_values().map(|(_, still)| still).collect());
     }
+    // The first series keeps all its images, also those that no other camera has a partner for.
+    let mut cameras: BTreeMap<&str, usize> = BTreeMap::new();
+    for still in series.iter().flat_map(Series::stills) {
+        *cameras.entry(&still.instant).or_default() += 1;
+    }
+    let partnered: usize = cameras.values().filter(|count| **count > 1).sum();
+    let alone = total - partnered;
     let ms = |us: i64| us as f64 * 1e-3;
     let said = format!(
         "nearest times in their names, at most {:.3} ms apart (limit {:.3} ms); {alone} images \

@@ -5,85 +5,69 @@
 
 use std::collections::HashSet;
 use std::fs::File;
-use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::io::{self, BufRead as _, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
-use super::super::decode::{Picture, Refusal, decode_tiff};
+use super::super::Image;
+use super::super::decode::{MOST_PIXELS, Picture, Refusal, decode_tiff};
+use super::super::tiff_directory::{Directory, Form};
 use trinocular_rig::error::InputError;
-use trinocular_rig::input;
+use trinocular_rig::input::{self, stand_in};
 
 /// Largest number of pages.
 const MOST_PAGES: usize = 1_000_000;
-/// Largest number of fields in a directory.
-const MOST_FIELDS: u64 = 4_096;
-/// Tag of the field that marks reduced copies of a page.
-const SUBFILE_TYPE: u16 = 254;
 
-/// Byte order and width of the offsets.
+/// Pages of a TIFF file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Pages {
+    /// Offsets of the pages' directories, without reduced copies.
+    Directories(Vec<u64>),
+    /// Images one after the other behind a single directory, as ImageJ writes large stacks.
+    Contiguous(Contiguous),
+}
+
+/// Images without compression, one after the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Form {
-    is_little: bool,
-    /// True for BigTIFF, whose offsets have 8 bytes.
-    is_big: bool,
+pub struct Contiguous {
+    form: Form,
+    size_px: [u32; 2],
+    /// True for values of 16 bits, false for 8.
+    is_deep: bool,
+    /// Offset of the first image.
+    start: u64,
+    /// Number of images.
+    pub count: usize,
 }
 
-impl Form {
-    fn number<const N: usize>(self, bytes: [u8; N]) -> u64 {
-        let join = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
-        match self.is_little {
-            true => bytes.iter().rev().fold(0, join),
-            false => bytes.iter().fold(0, join),
+impl Pages {
+    /// Returns the number of pages.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Directories(pages) => pages.len(),
+            Self::Contiguous(images) => images.count,
         }
-    }
-
-    fn read<const N: usize>(self, reader: &mut impl Read) -> io::Result<u64> {
-        let mut bytes = [0; N];
-        reader.read_exact(&mut bytes)?;
-        Ok(self.number(bytes))
-    }
-
-    /// Reads an offset.
-    fn offset(self, reader: &mut impl Read) -> io::Result<u64> {
-        match self.is_big {
-            true => self.read::<8>(reader),
-            false => self.read::<4>(reader),
-        }
-    }
-
-    /// Returns the place of the first directory's offset in the header.
-    fn first(self) -> usize {
-        if self.is_big { 8 } else { 4 }
-    }
-
-    /// Reads the header.
-    fn of(reader: &mut impl Read) -> io::Result<Self> {
-        let mut start = [0; 4];
-        reader.read_exact(&mut start)?;
-        let (is_little, is_big) = match &start {
-            b"II\x2a\0" => (true, false),
-            b"II\x2b\0" => (true, true),
-            b"MM\0\x2a" => (false, false),
-            b"MM\0\x2b" => (false, true),
-            _ => return Err(io::Error::other("not a TIFF file")),
-        };
-        Ok(Self { is_little, is_big })
     }
 }
 
-/// Returns the offsets of the directories of all pages, without reduced copies.
+/// Finds all pages.
 ///
 /// # Errors
 /// [`InputError`] if the file cannot be read or its directories form a loop.
-pub fn pages(path: &Path) -> Result<Vec<u64>, InputError> {
+pub fn pages(path: &Path) -> Result<Pages, InputError> {
     let mut reader = BufReader::new(input::open(path)?);
     let fault = |reason: String| InputError::file(path, format!("cannot read the pages: {reason}"));
     let cut = |cause: io::Error| fault(cause.to_string());
+    let start = reader.fill_buf().map_err(cut)?;
+    if start.is_empty() {
+        return Err(fault("the file is empty".to_owned()));
+    }
+    if let Some(reason) = stand_in(start) {
+        return Err(InputError::file(path, reason));
+    }
     let form = Form::of(&mut reader).map_err(cut)?;
-    reader
-        .seek(SeekFrom::Start(form.first() as u64))
-        .map_err(cut)?;
-    let mut next = form.offset(&mut reader).map_err(cut)?;
+    let mut next = form.first_directory(&mut reader).map_err(cut)?;
     let (mut pages, mut seen) = (Vec::new(), HashSet::new());
+    let mut first = None;
     while next != 0 {
         if !seen.insert(next) {
             return Err(fault("its directories form a loop".to_owned()));
@@ -91,32 +75,97 @@ pub fn pages(path: &Path) -> Result<Vec<u64>, InputError> {
         if seen.len() > MOST_PAGES {
             return Err(fault(format!("more than {MOST_PAGES} pages")));
         }
-        let at = next;
-        reader.seek(SeekFrom::Start(at)).map_err(cut)?;
-        let count = match form.is_big {
-            true => form.read::<8>(&mut reader),
-            false => form.read::<2>(&mut reader),
+        let directory = form.directory(&mut reader, next).map_err(cut)?;
+        if !directory.is_reduced {
+            pages.push(next);
+        }
+        next = directory.next;
+        first.get_or_insert(directory);
+    }
+    match (pages.len(), first) {
+        (0, _) => Err(fault("it has none".to_owned())),
+        (1, Some(directory)) if directory.image_count() > 1 => {
+            let length = reader.seek(SeekFrom::End(0)).map_err(cut)?;
+            let images = Contiguous::new(form, &directory, length).map_err(fault)?;
+            Ok(Pages::Contiguous(images))
+        }
+        _ => Ok(Pages::Directories(pages)),
+    }
+}
+
+impl Contiguous {
+    fn new(form: Form, directory: &Directory, length: u64) -> Result<Self, String> {
+        let count = directory.image_count();
+        if count > MOST_PAGES as u64 {
+            return Err(format!("more than {MOST_PAGES} pages"));
+        }
+        if let Some(reason) = directory.unfit_values() {
+            return Err(reason);
+        }
+        let is_plain = directory.compression == 1 && directory.samples == 1;
+        if !(is_plain && [8, 16].contains(&directory.bits)) {
+            return Err(format!(
+                "{count} images of ImageJ behind one directory, which are read only as grey of 8 \
+                 or 16 bits without compression; save the stack as Image Sequence"
+            ));
+        }
+        let [width, height] = directory.size_px;
+        let pixels = width.saturating_mul(height);
+        if pixels == 0 || pixels > MOST_PIXELS {
+            return Err(format!("{width} x {height} px is no size of an image"));
+        }
+        let images = Self {
+            form,
+            size_px: [width as u32, height as u32],
+            is_deep: directory.bits == 16,
+            start: directory.strip,
+            count: usize::try_from(count).unwrap_or(usize::MAX),
         };
-        let count = count.map_err(cut)?;
-        if count > MOST_FIELDS {
-            return Err(fault(format!("a directory of {count} fields")));
-        }
-        let mut is_reduced = false;
-        for _ in 0..count {
-            let tag = form.read::<2>(&mut reader).map_err(cut)? as u16;
-            form.read::<2>(&mut reader).map_err(cut)?;
-            form.offset(&mut reader).map_err(cut)?;
-            let value = form.offset(&mut reader).map_err(cut)?;
-            is_reduced |= tag == SUBFILE_TYPE && value & 1 == 1;
-        }
-        next = form.offset(&mut reader).map_err(cut)?;
-        if !is_reduced {
-            pages.push(at);
+        let end = count
+            .checked_mul(images.bytes())
+            .and_then(|all| all.checked_add(images.start));
+        match end {
+            Some(end) if end <= length => Ok(images),
+            _ => Err(format!(
+                "ImageJ's description says {count} images, but the file is too short for them"
+            )),
         }
     }
-    match pages.is_empty() {
-        true => Err(fault("it has none".to_owned())),
-        false => Ok(pages),
+
+    /// Returns the length of an image, bytes.
+    fn bytes(&self) -> u64 {
+        let pixels = u64::from(self.size_px[0]) * u64::from(self.size_px[1]);
+        pixels * if self.is_deep { 2 } else { 1 }
+    }
+
+    /// Reads the image `index`, counted from 0.
+    ///
+    /// # Errors
+    /// [`InputError`] if the file cannot be read.
+    pub fn read(&self, path: &Path, index: usize) -> Result<Picture, InputError> {
+        let unreadable = |cause: io::Error| InputError::io(path, "read", &cause);
+        let mut file = input::open(path)?;
+        let at = self.start + self.bytes() * index as u64;
+        file.seek(SeekFrom::Start(at)).map_err(unreadable)?;
+        let mut bytes = vec![0; self.bytes() as usize];
+        file.read_exact(&mut bytes).map_err(unreadable)?;
+        let [width, height] = self.size_px.map(|side| side as usize);
+        if !self.is_deep {
+            return Ok(Picture::Eight(Image {
+                width,
+                height,
+                grey: bytes,
+            }));
+        }
+        let level = |pair: &[u8]| match self.form.is_little {
+            true => u16::from_le_bytes([pair[0], pair[1]]),
+            false => u16::from_be_bytes([pair[0], pair[1]]),
+        };
+        Ok(Picture::Sixteen {
+            width,
+            height,
+            levels: bytes.chunks_exact(2).map(level).collect(),
+        })
     }
 }
 
@@ -191,7 +240,6 @@ impl Seek for Page {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::images::Image;
 
     /// Returns the TIFF file of 16-bit pages of the same size, little or big endian.
     fn stack(pages: &[Vec<u16>], [width, height]: [u32; 2], is_little: bool) -> Vec<u8> {
@@ -251,7 +299,7 @@ pub(super) mod tests {
         ];
         for is_little in [true, false] {
             std::fs::write(&path, stack(&expected, [3, 2], is_little)).unwrap();
-            let found = pages(&path).unwrap();
+            let found = pages_of(&path);
             assert_eq!(found.len(), 3);
             for (at, levels) in found.iter().zip(&expected) {
                 let picture = read(&path, *at, Some([3, 2])).unwrap().unwrap();
@@ -272,11 +320,17 @@ pub(super) mod tests {
         let whole = stack(&[vec![1; 6], vec![2; 6]], [3, 2], true);
         // The second directory follows itself.
         let mut loops = whole.clone();
-        let second = pages_of(&path, &whole)[1] as u32;
+        std::fs::write(&path, &whole).unwrap();
+        let second = pages_of(&path)[1] as u32;
         let end = loops.len() - 4;
         loops[end..].copy_from_slice(&second.to_le_bytes());
         for (content, reason) in [
-            (&b"II"[..], "cannot read the pages"),
+            (&b""[..], "the file is empty"),
+            (
+                b"version https://git-lfs.github.com/spec/v1\n",
+                "git lfs pull",
+            ),
+            (b"II", "cannot read the pages"),
             (b"not a TIFF", "not a TIFF file"),
             (&whole[..40], "cannot read the pages"),
             (&loops, "form a loop"),
@@ -287,8 +341,93 @@ pub(super) mod tests {
         }
     }
 
-    fn pages_of(path: &Path, content: &[u8]) -> Vec<u64> {
-        std::fs::write(path, content).unwrap();
-        pages(path).unwrap()
+    fn pages_of(path: &Path) -> Vec<u64> {
+        match pages(path).unwrap() {
+            Pages::Directories(pages) => pages,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn images_behind_one_directory_are_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("left.tif");
+        for is_little in [true, false] {
+            let text = b"ImageJ=1.54f\nimages=3\nslices=3\n\0";
+            let images = [[10_u16, 20, 30, 40, 50, 4095], [1, 2, 3, 4, 5, 6], [7; 6]];
+            let mut file = imagej([3, 2], 16, text, is_little);
+            let bytes = |level: u16| match is_little {
+                true => level.to_le_bytes(),
+                false => level.to_be_bytes(),
+            };
+            file.extend(images.into_iter().flatten().flat_map(bytes));
+            std::fs::write(&path, &file).unwrap();
+            let Pages::Contiguous(found) = pages(&path).unwrap() else {
+                panic!("one directory");
+            };
+            assert_eq!(found.count, 3);
+            for (index, expected) in images.iter().enumerate() {
+                let Picture::Sixteen { levels, .. } = found.read(&path, index).unwrap() else {
+                    panic!("16 bits");
+                };
+                assert_eq!(levels, expected);
+            }
+            std::fs::write(&path, &file[..file.len() - 1]).unwrap();
+            let error = pages(&path).unwrap_err().to_string();
+            assert!(
+                error.contains("says 3 images, but the file is too short"),
+                "{error}"
+            );
+            std::fs::write(&path, imagej([3, 2], 32, text, is_little)).unwrap();
+            let error = pages(&path).unwrap_err().to_string();
+            assert!(error.contains("numbers of 32 bits"), "{error}");
+        }
+    }
+
+    /// Returns the start of a TIFF file of ImageJ up to its images.
+    fn imagej(size: [u32; 2], bits: u32, text: &[u8], is_little: bool) -> Vec<u8> {
+        let number = |bytes: [u8; 4]| match is_little {
+            true => bytes,
+            false => {
+                let [a, b, c, d] = bytes;
+                [d, c, b, a]
+            }
+        };
+        let short = |n: u16| number(u32::from(n).to_le_bytes());
+        let mut file = if is_little {
+            b"II*\0".to_vec()
+        } else {
+            b"MM\0*".to_vec()
+        };
+        let fields = [
+            (256, size[0]),
+            (257, size[1]),
+            (258, bits),
+            (259, 1),
+            (277, 1),
+        ];
+        let text_at = 8 + 2 + 12 * 7 + 4;
+        let start = text_at + text.len() as u32;
+        let described = [(270, text_at), (273, start)];
+        file.extend(number(8_u32.to_le_bytes()));
+        let two = |n: u16| match is_little {
+            true => [short(n)[0], short(n)[1]],
+            false => [short(n)[2], short(n)[3]],
+        };
+        file.extend(two(7));
+        for (tag, value) in fields.into_iter().chain(described) {
+            file.extend(two(tag));
+            let (kind, count) = if tag == 270 {
+                (2, text.len() as u32)
+            } else {
+                (4, 1)
+            };
+            file.extend(two(kind));
+            file.extend(number(count.to_le_bytes()));
+            file.extend(number(value.to_le_bytes()));
+        }
+        file.extend([0; 4]);
+        file.extend(text);
+        file
     }
 }

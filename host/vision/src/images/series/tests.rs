@@ -11,8 +11,8 @@ use crate::images::{FrameSet, Image};
 
 const SIZE: [u32; 2] = [6, 4];
 
-fn names() -> Vec<String> {
-    ["left", "right"].map(str::to_owned).to_vec()
+fn names() -> [String; 2] {
+    ["left", "right"].map(str::to_owned)
 }
 
 /// Returns an image whose pixels encode camera and number.
@@ -93,6 +93,158 @@ fn longest_name_owns_a_file() {
     let names = ["cam1", "cam1_b"].map(str::to_owned);
     let folder = Folder::open(dir.path(), &names, SIZE, 1).unwrap();
     assert_read(&folder, &[0]);
+}
+
+#[test]
+fn points_in_names_are_kept() {
+    // Names as of the TUM RGB-D benchmark; the whole seconds alone are ambiguous.
+    let dir = files(&[
+        (0, 0, "left/1305031102.175304.png"),
+        (1, 0, "right/1305031102.175304.PNG"),
+        (0, 1, "left/1305031102.211214.png"),
+        (1, 1, "right/1305031102.211214.PNG"),
+    ]);
+    let folder = open(dir.path(), None);
+    assert_read(&folder, &[0, 1]);
+    assert!(folder.pairing().unwrap().contains("endings aside"));
+    let photographs = crate::calibration::photographs::list(dir.path()).unwrap();
+    let instants = photographs
+        .series
+        .iter()
+        .map(|series| series.stills()[0].instant.clone());
+    assert_eq!(
+        instants.collect::<Vec<_>>(),
+        ["1305031102.175304", "1305031102.175304"]
+    );
+    assert!(
+        photographs
+            .pairing
+            .is_none_or(|said| said.contains("endings"))
+    );
+}
+
+#[test]
+fn times_outrank_last_numbers() {
+    // One right image ends like a left one of another instant.
+    let dir = files(&[
+        (0, 0, "left/20260105_102910_250.png"),
+        (1, 0, "right/20260105_102910_253.png"),
+        (0, 1, "left/20260105_102910_353.png"),
+        (1, 1, "right/20260105_102910_351.png"),
+        (0, 2, "left/20260105_102911_450.png"),
+        (1, 2, "right/20260105_102911_353.png"),
+    ]);
+    let folder = open(dir.path(), None);
+    let said = folder.pairing().unwrap();
+    assert!(said.contains("nearest times"), "{said}");
+    let first = folder.frame_sets().next().unwrap().unwrap();
+    assert_eq!(first.images, [image(0, 0), image(1, 0)]);
+    // A date that all names share is no time of an image.
+    let dir = files(&[
+        (0, 0, "left/20260105_102910_a1.png"),
+        (1, 0, "right/20260105_102911_b1.png"),
+        (0, 1, "left/20260105_102910_a2.png"),
+        (1, 1, "right/20260105_102911_b2.png"),
+    ]);
+    let folder = open(dir.path(), None);
+    assert!(folder.pairing().unwrap().contains("last numbers"));
+    assert_read(&folder, &[0, 1]);
+}
+
+#[test]
+fn images_without_partners_are_counted() {
+    let dir = files(&[
+        (0, 0, "left/1767608950.000.png"),
+        (1, 0, "right/1767608950.001.png"),
+        (0, 1, "left/1767608951.000.png"),
+        (0, 2, "left/1767608952.000.png"),
+        (1, 2, "right/1767608955.000.png"),
+    ]);
+    let folder = open(dir.path(), Some(Rule::Time));
+    let said = folder.pairing().unwrap();
+    assert!(said.contains("; 3 images without partners"), "{said}");
+}
+
+#[test]
+fn folder_without_any_pair_is_refused() {
+    let dir = files(&[
+        (0, 0, "left/1767608950.0.png"),
+        (0, 1, "left/1767608951.0.png"),
+        (1, 0, "right/1767608990.0.png"),
+    ]);
+    let empty = TempDir::new().unwrap();
+    for name in names() {
+        fs::create_dir(empty.path().join(name)).unwrap();
+    }
+    write(&empty.path().join("left/1.png"), &image(0, 0)).unwrap();
+    for (dir, rule, reason) in [
+        (&dir, Some(Rule::Time), "has no partner: camera `right`"),
+        (&empty, Some(Rule::Order), "camera `right` has no"),
+        (
+            &empty,
+            None,
+            "missing, but another camera has a file of this name",
+        ),
+    ] {
+        let refused = Folder::open_paired(dir.path(), &names(), SIZE, 1, rule);
+        let error = refused.unwrap_err().to_string();
+        assert!(error.contains(reason), "{rule:?}: {error}");
+    }
+}
+
+#[test]
+fn error_of_incomplete_set_names_a_file() {
+    for images in [
+        [
+            (0, 0, "left/imageL0.png"),
+            (1, 0, "right/imageR0.png"),
+            (0, 1, "left/imageL1.png"),
+        ],
+        [
+            (0, 0, "left0.png"),
+            (1, 0, "right0.png"),
+            (0, 1, "left1.png"),
+        ],
+    ] {
+        let dir = files(&images);
+        let error = open(dir.path(), None).complete().unwrap_err();
+        assert!(error.file.exists(), "{error}");
+        assert!(
+            error.reason.contains("camera `right` has no image"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn images_of_no_camera_are_named() {
+    let dir = files(&[
+        (0, 0, "left1.png"),
+        (1, 0, "right1.png"),
+        (0, 0, "middle1.png"),
+        (0, 0, "middle2.png"),
+    ]);
+    let warnings = open(dir.path(), None).warnings().to_vec();
+    assert!(
+        warnings[0]
+            .reason
+            .contains("2 images belong to no camera, first middle1.png")
+    );
+    let dir = files(&[
+        (0, 0, "left/1.png"),
+        (1, 0, "right/1.png"),
+        (0, 0, "board.png"),
+    ]);
+    let warnings = crate::calibration::photographs::list(dir.path())
+        .unwrap()
+        .warnings;
+    assert!(
+        warnings[0]
+            .reason
+            .contains("1 image belongs to no camera, first board.png")
+    );
+    let warnings = open(dir.path(), None).warnings().to_vec();
+    assert!(warnings[0].reason.contains("first board.png"));
 }
 
 #[test]
@@ -206,14 +358,108 @@ fn videos_equal_single_files() {
     }
 }
 
-#[cfg(unix)]
 #[test]
-fn videos_come_through_named_pipes() {
+fn videos_of_different_rates_are_refused() {
+    let dir = TempDir::new().unwrap();
+    for (camera, name) in names().iter().enumerate() {
+        let frames: Vec<Image> = (0..3).map(|number| image(camera, number)).collect();
+        let mut file = video(&frames, None);
+        if camera == 1 {
+            let rate = file.windows(4).position(|four| four == b"F200").unwrap();
+            file[rate + 1] = b'1';
+        }
+        fs::write(dir.path().join(format!("{name}.y4m")), file).unwrap();
+    }
+    let refused = Folder::open_paired(dir.path(), &names(), SIZE, 1, None).unwrap_err();
+    assert!(
+        refused.reason.contains("200.000 frames per second"),
+        "{refused}"
+    );
+    let said = crate::calibration::photographs::list(dir.path()).unwrap_err();
+    assert!(said.reason.contains("100.000"), "{said}");
+    assert_read(&open(dir.path(), Some(Rule::Order)), &[0, 1, 2]);
+}
+
+/// Makes a named pipe per camera.
+#[cfg(unix)]
+fn pipes() -> TempDir {
     let dir = TempDir::new().unwrap();
     for name in names() {
         let path = dir.path().join(format!("{name}.y4m"));
         rustix::fs::mkfifoat(rustix::fs::CWD, &path, rustix::fs::Mode::RWXU).unwrap();
     }
+    dir
+}
+
+#[cfg(unix)]
+#[test]
+fn pipes_of_different_rates_are_refused() {
+    let dir = pipes();
+    let write = |index: usize| {
+        let mut file = video(&[image(index, 0), image(index, 1)], None);
+        let rate = file.windows(4).position(|four| four == b"F200").unwrap();
+        file[rate + 1] = b'1' + index as u8;
+        let path = dir.path().join(format!("{}.y4m", names()[index]));
+        std::thread::spawn(move || fs::write(path, file))
+    };
+    let writers = [0, 1].map(write);
+    let folder = open(dir.path(), None);
+    let found: Vec<_> = folder.frame_sets().collect();
+    assert_eq!(found.len(), 1);
+    let error = found[0].as_ref().unwrap_err().to_string();
+    assert!(error.contains("frames per second"), "{error}");
+    drop(folder);
+    for writer in writers {
+        let _ = writer.join();
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn photographs_in_pipes_are_read_in_turn() {
+    use crate::calibration::board::Board;
+    use crate::calibration::folder::{CalibrationSettings, calibrate};
+    const COUNT: usize = 80;
+    let dir = pipes();
+    let paths = names().map(|name| dir.path().join(format!("{name}.y4m")));
+    // One program writes both videos frame by frame, as a splitter does.
+    let writer = std::thread::spawn(move || {
+        use std::io::Write as _;
+        let mut pipes = paths.map(|path| fs::OpenOptions::new().write(true).open(path).unwrap());
+        let frame = |camera| Image {
+            width: 200,
+            height: 200,
+            ..image(camera, 0)
+        };
+        for pipe in &mut pipes {
+            let _ = pipe.write_all(b"YUV4MPEG2 W200 H200 F30:1 Cmono\n");
+        }
+        for number in 0..COUNT {
+            for (camera, pipe) in pipes.iter_mut().enumerate() {
+                let Image { width, height, .. } = frame(camera);
+                let _ = pipe.write_all(b"FRAME\n");
+                let _ = pipe.write_all(&vec![number as u8; width * height]);
+            }
+        }
+    });
+    let board = Board {
+        corners: [4, 3],
+        square_mm: 10.0,
+    };
+    // No frame shows a board, but all frames are read.
+    let mut seen = 0;
+    let refused = calibrate(dir.path(), &CalibrationSettings::new(board), &mut |_| {
+        seen += 1
+    });
+    assert!(refused.is_err());
+    assert_eq!(seen, 2 * COUNT);
+    writer.join().unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn videos_come_through_named_pipes() {
+    let dir = pipes();
     // The writer writes one whole video after the other.
     let folder = dir.path().to_owned();
     let writer = std::thread::spawn(move || {

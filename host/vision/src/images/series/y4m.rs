@@ -12,7 +12,10 @@ use std::io::{self, BufRead, Read, Seek, SeekFrom};
 
 use super::super::Image;
 use super::super::decode::{MOST_PIXELS, Picture};
+use trinocular_rig::input::stand_in;
 
+/// Largest number of frames of a file.
+const MOST_FRAMES: usize = 1_000_000;
 /// Largest length of a header line, bytes.
 const LONGEST_LINE: u64 = 4_096;
 
@@ -35,6 +38,10 @@ impl Header {
     /// # Errors
     /// Reason why the video cannot be read, in words.
     pub fn read(reader: &mut impl BufRead) -> Result<Self, String> {
+        let start = reader.fill_buf().map_err(|cause| cause.to_string())?;
+        if let Some(reason) = stand_in(start) {
+            return Err(reason.to_owned());
+        }
         let line = line(reader)?.ok_or("the file is empty")?;
         Self::parse(&line)
     }
@@ -71,7 +78,9 @@ impl Header {
         }
         let [width, height] = size_px.map(u64::from);
         if width == 0 || height == 0 || width * height > MOST_PIXELS {
-            return Err(format!("{width} x {height} px is no size of an image"));
+            return Err(format!(
+                "{width} x {height} px is no size of an image; it has 1 to {MOST_PIXELS} pixels"
+            ));
         }
         let (bits, chroma) = planes(colours, [width, height]).ok_or_else(|| {
             format!(
@@ -96,6 +105,11 @@ impl Header {
         self.bytes_of(u64::from(self.size_px[0]) * u64::from(self.size_px[1]))
     }
 
+    /// Returns the memory of a frame's image, bytes.
+    pub fn picture_bytes(&self) -> u64 {
+        self.luma_bytes().max(1)
+    }
+
     /// Returns the offset of every frame's luma, from the first frame's header line at `at`.
     ///
     /// # Errors
@@ -111,6 +125,9 @@ impl Header {
             end
         };
         while start_frame(reader, offsets.len())? {
+            if offsets.len() == MOST_FRAMES {
+                return Err(format!("more than {MOST_FRAMES} frames; cut it into parts"));
+            }
             let at = reader.stream_position().map_err(words)?;
             offsets.push(at);
             let next = at + self.luma_bytes() + self.bytes_of(self.chroma);
