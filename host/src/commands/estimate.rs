@@ -13,6 +13,7 @@ use crate::commands::failure::Failure;
 use crate::commands::folder_input::PairOption;
 use clap::{Args, ValueEnum};
 use pose::PoseOptions;
+pub use pose::Rotation;
 use printer::{Printer, Solution};
 use serde::Serialize;
 use trinocular_core::estimate::Refusal;
@@ -178,9 +179,12 @@ const MOST_DOUBTS: usize = 20;
 pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failure> {
     let method = options.method.unwrap_or(Method::Midpoint);
     let is_points = !is_recording(&options.input) && !options.input.is_dir();
-    options.pose.check(options.method, is_points)?;
     let read = |path: &PathBuf| method.read_rig(path);
     let rig = options.rig.as_ref().map(read).transpose()?;
+    let pose = rig
+        .as_ref()
+        .map_or(options.pose, |rig| options.pose.of_rig(rig, options.method));
+    pose.check(options.method, is_points)?;
     let printer = Printer {
         options,
         method,
@@ -243,7 +247,8 @@ fn run_points<W: Write>(
     let is_doubtful = !points.doubts.is_empty();
     let seen = (&rig.rig, correspondences.as_slice());
     let warnings = &mut printer.warnings;
-    let solution = (options.pose).solve(options.method, seen, is_doubtful, warnings, alone);
+    let pose = options.pose.of_rig(rig, options.method);
+    let solution = pose.solve(options.method, seen, is_doubtful, warnings, alone);
     printer.solution(solution, correspondences.len(), points.rejected)?;
     printer.finish()
 }
@@ -288,6 +293,7 @@ fn run_captures<W: Write>(
     };
     let mut reference = refer_to(&mut flow, first?);
     let mut exposures = Exposures::new(&rig.names);
+    let pose = options.pose.of_rig(rig, options.method);
     for capture in captures {
         let capture = match capture {
             Ok(capture) => capture,
@@ -302,7 +308,7 @@ fn run_captures<W: Write>(
         printer.exposure = exposures.note(&capture);
         // A bad keyframe spoils every frame measured against it; they share its reason.
         let seen = match &reference {
-            Ok(()) => Seen::of(options, &mut flow, &rig.rig, &capture, printer.method),
+            Ok(()) => Seen::of(pose, &mut flow, &rig.rig, &capture, printer.method),
             Err(reason) => Err(reason.clone()),
         };
         match seen {
@@ -335,20 +341,20 @@ struct Seen {
 impl Seen {
     /// Measures a frame set, with the rotation of the target if it is demanded.
     fn of(
-        options: &EstimateOptions,
+        pose: PoseOptions,
         flow: &mut Flow,
         rig: &Rig,
         capture: &FrameSet,
         method: Method,
     ) -> Result<Self, String> {
-        if options.pose.is_demanded() {
+        if pose.is_demanded() {
             let seen = flow
                 .measure_pose(capture)
                 .map_err(|refusal| refusal.to_string())?;
             let centroid_mm = flow.keyframe_centroid_mm().unwrap_or(seen.pose.centroid_mm);
             let count = seen.correspondences.len();
             return Ok(Self {
-                solution: Ok(options.pose.solution(&seen.pose, centroid_mm, count)),
+                solution: Ok(pose.solution(&seen.pose, centroid_mm, count)),
                 count,
                 rejected: seen.rejected.total(),
                 refused_cameras: seen.refused_cameras,
