@@ -309,8 +309,8 @@ mod tests {
         let grid = CellGrid::of([320, 240]);
         let all = grid.places(|_| true).count();
         assert_eq!(all, grid.rows * grid.columns);
-        // Narrower than a cell, and between two centres.
-        let narrow = |[x, _]: [f64; 2]| (150.0..155.0).contains(&x);
+        // Narrower than a cell, and beside its centre.
+        let narrow = |[x, _]: [f64; 2]| (154.0..158.0).contains(&x);
         let places: Vec<[f64; 2]> = grid.places(narrow).collect();
         assert_eq!(places.len(), grid.rows, "{places:?}");
         assert!(places.iter().all(|at| narrow(*at)));

@@ -362,7 +362,10 @@ mod tests {
             .collect();
         assert_eq!(fields[..3], ["x1", "y0", "y1"], "{found:?}");
         // Line 5 is the first camera of the second point.
-        assert!(found[0].reason.contains("camera `left` is 6."), "{found:?}");
+        assert!(
+            found[0].reason.contains("camera `left` is 5.9"),
+            "{found:?}"
+        );
     }
 
     #[test]
