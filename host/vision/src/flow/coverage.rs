@@ -39,7 +39,7 @@ const DEPTHS: [f64; 2] = [1.2, 0.85];
 /// Least share of inlier cells that counts as most of the image. It is a little more than half,
 /// because cells count whole although they may move only in part.
 const MOST: f64 = 0.55;
-/// Places along each side of a cell at which a region is looked for.
+/// Number of places along each side of a cell that a region may allow.
 const SAMPLES: usize = 8;
 /// Number of inlier cells per outlier cell at which the inliers are accepted without further tests.
 const INLIERS_PER_OUTLIER: usize = 8;
