@@ -2,6 +2,7 @@
 
 use trinocular::accuracy_study::tally::{Tally, failures_of_all};
 use trinocular::accuracy_study::{condition, phase, sweep};
+use trinocular::turning_study;
 
 /// Every condition with one poster: measured or refused as expected, no gross error, and sigma near
 /// the truth. Some 330 measurements share a poster, so the limits are 1.5 times those of the full
@@ -42,4 +43,20 @@ fn pixel_phase_causes_no_common_bias() {
             "{phase:?}"
         );
     }
+}
+
+/// Targets that turn, alone and beside other objects, with two posters: no gross error, with and
+/// without a rotation.
+#[test]
+fn turning_targets_have_no_gross_error() {
+    let rows = turning_study::sweep::run(2, 2, |_| {}).expect("scenes that can be rendered");
+    println!("{}", turning_study::present::table(&rows, true).to_text());
+    let failures = turning_study::sweep::failures(&rows, 3.0);
+    assert!(failures.is_empty(), "{failures:#?}");
+    let measured = |name: &str| {
+        let mut rows = rows.iter().filter(|row| row.layout.name == name);
+        rows.next().map_or(0, |row| row.moved.measured)
+    };
+    assert_eq!(measured("alone"), 12);
+    assert!(measured("before-background") >= 3 && measured("covered") >= 3);
 }

@@ -60,3 +60,4 @@ pub mod report;
 pub mod run_report;
 pub mod scenario;
 pub mod servo;
+pub mod turning_study;

@@ -55,7 +55,16 @@ fn desk_of(case: &Value) -> Desk {
         }
     }
     let stage = None;
-    desk.write("rig.toml", RigFile { names, rig, stage }.to_toml());
+    desk.write(
+        "rig.toml",
+        RigFile {
+            names,
+            rig,
+            stage,
+            pivot: None,
+        }
+        .to_toml(),
+    );
     desk.write("points.csv", csv);
     desk
 }
@@ -257,6 +266,7 @@ fn two_cameras_need_midpoint() {
             cameras: rig.rig.cameras.iter().take(2).copied().collect(),
         },
         stage: None,
+        pivot: None,
     };
     desk.write("rig.toml", two.to_toml());
     let text = desk.read("points.csv");

@@ -50,7 +50,16 @@ fn desk_of(case: &Value) -> Desk {
         }
     }
     let stage = None;
-    desk.write("rig.toml", RigFile { names, rig, stage }.to_toml());
+    desk.write(
+        "rig.toml",
+        RigFile {
+            names,
+            rig,
+            stage,
+            pivot: None,
+        }
+        .to_toml(),
+    );
     desk.write("points.csv", csv);
     desk
 }
@@ -339,6 +348,80 @@ fn contradicting_options_exit_2() {
             (Some(2), ""),
             "{options:?}"
         );
+        assert!(outcome.stderr.contains(part), "{}", outcome.stderr);
+    }
+}
+
+/// Follows the images of a target that turns; returns the rows.
+#[track_caller]
+fn track(desk: &Desk, options: &[&str]) -> Vec<Value> {
+    let words = ["track", "--images", "views", "--rig", "rig.toml", "--json"];
+    let outcome = run(desk.folder.path(), &[&words[..], options].concat());
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    outcome.json()
+}
+
+#[test]
+fn track_follows_pivot_of_turning_target() {
+    let pose = |relative_mm, turned_deg| Pose {
+        relative_mm,
+        turned_deg,
+    };
+    let moved = [[1.0, -2.0, 1.0], [2.0, -3.0, 3.0]];
+    let turned = [[0.5, 1.0, -0.5], [1.0, 3.0, -2.0]];
+    let desk = desk_of_images(&[
+        Pose::default(),
+        pose(moved[0], turned[0]),
+        pose(moved[1], turned[1]),
+    ]);
+    let options = ["--rotation", "estimate", "--pivot", "0,0,850"];
+    let recorded = [&options[..], &["--record", "run.mcap"]].concat();
+    let rows = track(&desk, &recorded);
+    for ((row, moved), turned) in rows.iter().zip(moved).zip(turned) {
+        assert_close(&row["displacement_mm"], moved, 0.03, "displacement");
+        assert_close(&row["rotation_deg"], turned, 0.02, "rotation");
+        assert_close(&row["pivot_mm"], [0.0, 0.0, 850.0], 0.0, "pivot");
+        let sigma: [f64; 3] = numbers(&row["rotation_sigma_deg"]);
+        assert!(sigma.iter().all(|deg| *deg > 0.0 && *deg < 0.01), "{row}");
+    }
+    // The recording is measured again with the same pivot, bit for bit.
+    let replayed = run(desk.folder.path(), &["replay", "run.mcap"]);
+    assert_eq!(
+        replayed.code,
+        Some(0),
+        "{}{}",
+        replayed.stdout,
+        replayed.stderr
+    );
+    // The columns of a rotation come last, and only with one.
+    let csv = |options: &[&str]| {
+        let words = ["track", "--images", "views", "--rig", "rig.toml", "--csv"];
+        run(desk.folder.path(), &[&words[..], options].concat()).stdout
+    };
+    let header = |text: String| text.lines().next().unwrap_or_default().to_owned();
+    assert!(
+        header(csv(&options)).ends_with("rotation_sigma_z_deg,pivot_x_mm,pivot_y_mm,pivot_z_mm")
+    );
+    assert!(!header(csv(&["--rotation", "refuse"])).contains("rotation"));
+    // The rig file can say the same.
+    let lines = "rotation = \"estimate\"\npivot = [0, 0, 850]\n";
+    desk.write("rig.toml", lines.to_owned() + &desk.read("rig.toml"));
+    assert_eq!(track(&desk, &[])[1], rows[1]);
+}
+
+#[test]
+fn track_refuses_pivot_without_rotation() {
+    let desk = desk_of_images(&[Pose::default(), Pose::default()]);
+    let words = ["track", "--images", "views", "--rig", "rig.toml"];
+    for (options, part) in [
+        (&["--pivot", "0,0,850"][..], "--rotation estimate"),
+        (
+            &["--rotation", "estimate", "--method", "closed-form"],
+            "midpoint",
+        ),
+    ] {
+        let outcome = run(desk.folder.path(), &[&words[..], options].concat());
+        assert_eq!(outcome.code, Some(2), "{}", outcome.stderr);
         assert!(outcome.stderr.contains(part), "{}", outcome.stderr);
     }
 }

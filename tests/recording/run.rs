@@ -66,6 +66,7 @@ pub fn settings(twin: Option<&str>) -> replay::Settings {
         rig: rig.rig,
         names: rig.names,
         estimator: Estimator::Midpoint,
+        pivot: None,
         twin: twin.map(str::to_owned),
     }
 }

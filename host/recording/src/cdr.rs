@@ -146,6 +146,11 @@ impl<'a> Reader<'a> {
         })
     }
 
+    /// Returns true if no byte is left.
+    pub fn is_at_end(&self) -> bool {
+        self.place >= self.body.len()
+    }
+
     fn take(&mut self, count: usize) -> Result<&'a [u8], CdrFault> {
         let end = self.place.checked_add(count).ok_or(CdrFault::Short)?;
         let bytes = self.body.get(self.place..end).ok_or(CdrFault::Short)?;

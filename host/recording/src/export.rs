@@ -183,7 +183,7 @@ mod tests {
     fn columns_agree_with_csv() {
         let measured = Measurement {
             frame: 3,
-            cameras: vec!["left".to_owned(); 2],
+            cameras: vec![0, 1],
             displacement_mm: [1.5, -2.0, 0.25],
             pixels: vec![0.0; 8],
             outcome: Outcome::Used,

@@ -55,23 +55,39 @@ pub fn png(bytes: &mut Vec<u8>, stamp_us: u64, file: &[u8]) {
     writer.block(file);
 }
 
-/// Encodes a displacement as `geometry_msgs/msg/PoseWithCovarianceStamped`, in metres.
+/// Encodes displacement and rotation as `geometry_msgs/msg/PoseWithCovarianceStamped`, in metres and
+/// rad. Without an estimate of the rotation it is none, with a covariance of zero.
 pub fn pose(bytes: &mut Vec<u8>, measurement: &Measurement) {
     let mut writer = Writer::new(bytes);
     header(&mut writer, measurement.stamp_us, CAMERAS);
     for mm in measurement.displacement_mm {
         writer.f64(mm * 1e-3);
     }
-    writer.f64_array(&[0.0, 0.0, 0.0, 1.0]);
+    let turn = measurement.turn.unwrap_or_default();
+    writer.f64_array(&quaternion(turn.rotation_deg));
     for row in 0..6 {
         for column in 0..6 {
-            let mm2 = match row < 3 && column < 3 {
-                true => measurement.covariance_mm2[3 * row + column],
-                false => 0.0,
-            };
-            writer.f64(mm2 * 1e-6);
+            writer.f64(match (row < 3, column < 3) {
+                (true, true) => measurement.covariance_mm2[3 * row + column] * 1e-6,
+                (false, false) if row == column => {
+                    turn.rotation_sigma_deg[row - 3].to_radians().powi(2)
+                }
+                _ => 0.0,
+            });
         }
     }
+}
+
+/// Returns the unit quaternion of a rotation vector: x, y, z, w.
+fn quaternion(rotation_deg: [f64; 3]) -> [f64; 4] {
+    let [x, y, z] = rotation_deg.map(f64::to_radians);
+    let half = 0.5 * (x * x + y * y + z * z).sqrt();
+    let scale = if half > 0.0 {
+        0.5 * half.sin() / half
+    } else {
+        0.5
+    };
+    [scale * x, scale * y, scale * z, half.cos()]
 }
 
 /// Result of one frame set.
@@ -162,6 +178,48 @@ pub struct Measurement {
     pub station_sigma_mm: [f64; 3],
     /// Time from the capture to the first step that it could change, µs.
     pub latency_us: u32,
+    /// Rotation of the target since the keyframe, if it was estimated.
+    pub turn: Option<Turn>,
+}
+
+/// Rotation of the target, whose displacement is that of its pivot.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Turn {
+    /// Rotation vector about the cameras' axes, degrees.
+    pub rotation_deg: [f64; 3],
+    /// Standard deviation about each axis, degrees.
+    pub rotation_sigma_deg: [f64; 3],
+    /// Point of the target at the keyframe whose displacement is stated, mm.
+    pub pivot_mm: [f64; 3],
+}
+
+impl Turn {
+    /// Writes each vector as a sequence; without a rotation they are empty.
+    fn encode(turn: Option<&Self>, writer: &mut Writer<'_>) {
+        let vectors = turn.map(|turn| [turn.rotation_deg, turn.rotation_sigma_deg, turn.pivot_mm]);
+        for i in 0..3 {
+            writer.f64s(vectors.as_ref().map_or(&[], |vectors| &vectors[i]));
+        }
+    }
+
+    /// Reads a rotation. Recordings of earlier versions end before it.
+    fn decode(reader: &mut Reader<'_>) -> Result<Option<Self>, CdrFault> {
+        if reader.is_at_end() {
+            return Ok(None);
+        }
+        let mut vector = || -> Result<Option<[f64; 3]>, CdrFault> {
+            Ok(reader.f64s()?.as_slice().try_into().ok())
+        };
+        let vectors = [vector()?, vector()?, vector()?];
+        let [Some(rotation_deg), Some(rotation_sigma_deg), Some(pivot_mm)] = vectors else {
+            return Ok(None);
+        };
+        Ok(Some(Self {
+            rotation_deg,
+            rotation_sigma_deg,
+            pivot_mm,
+        }))
+    }
 }
 
 impl Measurement {
@@ -181,6 +239,16 @@ impl Measurement {
         let count = |reject| (format!("{reject:?}"), measured.rejected.of(reject) as u32);
         self.rejects = Reject::ALL.map(count).into();
         self.absent = absent(&measured.refused_cameras);
+        self.turn = measured.turn.map(|turn| Turn {
+            rotation_deg: turn.rotation_deg,
+            rotation_sigma_deg: turn.rotation_sigma_deg,
+            pivot_mm: turn.pivot_mm,
+        });
+        if let Some(turn) = &measured.turn {
+            let covariance = turn.covariance_mm2.as_flattened();
+            self.covariance_mm2.copy_from_slice(covariance);
+            return;
+        }
         let midpoint = Sums::of(rig, measured).map(|sums| sums.estimates().midpoint);
         if let Ok(Ok(estimate)) = midpoint {
             let covariance = estimate.covariance_mm2.as_flattened();
@@ -220,6 +288,7 @@ impl Measurement {
         writer.f64_array(&self.station_mm);
         writer.f64_array(&self.station_sigma_mm);
         writer.u32(self.latency_us);
+        Turn::encode(self.turn.as_ref(), &mut writer);
     }
 
     /// Decodes the message.
@@ -255,6 +324,7 @@ impl Measurement {
         message.station_mm = reader.array()?;
         message.station_sigma_mm = reader.array()?;
         message.latency_us = reader.u32()?;
+        message.turn = Turn::decode(&mut reader)?;
         Ok(message)
     }
 
@@ -285,6 +355,10 @@ impl Measurement {
             }
         }
         let inflation = |of: &Self| [of.variance_inflation].to_vec();
+        let rotation = |of: &Self| {
+            of.turn
+                .map_or(Vec::new(), |turn| turn.rotation_deg.to_vec())
+        };
         let numbers = [
             (
                 "displacement_mm",
@@ -298,6 +372,7 @@ impl Measurement {
             ),
             ("variance_inflation", inflation(self), inflation(replayed)),
             ("pixels", self.pixels.clone(), replayed.pixels.clone()),
+            ("rotation_deg", rotation(self), rotation(replayed)),
         ];
         for (field, a, b) in numbers {
             if a.len() != b.len() {

@@ -116,6 +116,11 @@ float64[3] station_mm
 float64[3] station_sigma_mm
 # Time from the capture to the first step that it could change, us.
 uint32 latency_us
+# Rotation vector of the target since the keyframe about the cameras' axes, its standard deviation,
+# and the point at the keyframe whose displacement is stated. Empty without an estimate of rotation.
+float64[] rotation_deg
+float64[] rotation_sigma_deg
+float64[] pivot_mm
 ",
     parts: &[HEADER, TIME],
 };

@@ -5,6 +5,7 @@
 //! | module | holds |
 //! |---|---|
 //! | [`rig_file`] | the rig file: reading, writing, a commented template, changes that keep comments |
+//! | [`pivot`] | the point of a turning target whose displacement is measured |
 //! | [`error`] | errors in files that the user gave, with file, line and field |
 //! | [`input`] | reading of files with a limit to their size |
 //! | [`output`] | files that are written whole or not at all |
@@ -22,6 +23,7 @@ pub mod input;
 pub mod interruption;
 pub mod notice;
 pub mod output;
+pub mod pivot;
 pub mod printable;
 pub mod random;
 pub mod rig_file;

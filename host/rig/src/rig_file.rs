@@ -2,6 +2,8 @@
 //!
 //! ```toml
 //! image_size_px = [320, 240]            # every camera's image: columns, rows
+//! rotation = "refuse"                   # of the target, or "estimate"; optional
+//! pivot = [0.0, 0.0, 850.0]             # only with "estimate", mm; default "centroid"
 //!
 //! [[camera]]                            # 2 to 8 of them
 //! name = "left"                         # also the name of its folder of images
@@ -20,7 +22,7 @@
 //! need not be exactly parallel.
 //!
 //! Unknown, missing and impossible fields are refused with file, line and name of the field. Only
-//! distortion, rotation and the fields of [`Care`] have defaults, because a stage with a guessed
+//! distortion, rotations, pivot and the fields of [`Care`] have defaults, because a stage with a guessed
 //! rig may run away.
 //!
 //! *Invariant:* a `RigFile` from [`RigFile::read`] or [`RigFile::parse`] obeys every rule stated on
@@ -35,12 +37,14 @@ use trinocular_core::rig::{Camera, HEIGHT_ERROR_LIMIT, MAX_CAMERAS, Rig, Rotatio
 use crate::error::InputError;
 use crate::input::{self, Limit};
 use crate::output::{Output, Replace};
+use crate::pivot::Pivot;
 use field::{Field, Source};
 
 mod care;
 mod doubt;
 pub mod edit;
 pub mod field;
+mod pivot;
 mod stage;
 pub mod template;
 
@@ -119,6 +123,8 @@ pub struct RigFile {
     pub rig: Rig,
     /// The stage, if the file describes one.
     pub stage: Option<Stage>,
+    /// Pivot of a target whose rotation is estimated; `None` if a target that turns is refused.
+    pub pivot: Option<Pivot>,
 }
 
 impl RigFile {
@@ -128,6 +134,7 @@ impl RigFile {
             names: TRINOCULAR.map(String::from).to_vec(),
             rig: Rig::paper(),
             stage: None,
+            pivot: None,
         }
     }
 
@@ -183,7 +190,7 @@ impl RigFile {
         let table = DeTable::parse(text).map_err(|error| source.syntax(&error))?;
         let value = DeValue::Table(table.into_inner());
         let root = Field::root(source, &value);
-        root.only(&["image_size_px", "camera", "stage"])?;
+        root.only(&["image_size_px", "rotation", "pivot", "camera", "stage"])?;
         root.require(&[
             ("image_size_px", "image_size_px = [640, 480]"),
             ("camera", "[[camera]]"),
@@ -204,12 +211,14 @@ impl RigFile {
                 cameras: cameras.into_iter().collect(),
             },
             stage,
+            pivot: pivot::read(&root)?,
         })
     }
 
     /// Returns the file's text. [`RigFile::parse`] reads the same rig back, bit for bit.
     pub fn to_toml(&self) -> String {
         let mut text = format!("image_size_px = {:?}\n", self.rig.image_size_px);
+        pivot::write_toml(self.pivot, &mut text);
         for (name, camera) in self.names.iter().zip(&self.rig.cameras) {
             let name = toml::Value::from(name.as_str());
             let _ = write!(text, "\n[[camera]]\nname = {name}\n");

@@ -26,6 +26,19 @@ pub const DISPLACEMENT: [Column; 12] = [
     ("cov_zz_mm2", "/covariance_mm2/2/2"),
 ];
 
+/// Columns of a rotation and of the pivot whose displacement is stated.
+pub const TURN: [Column; 9] = [
+    ("rotation_x_deg", "/rotation_deg/0"),
+    ("rotation_y_deg", "/rotation_deg/1"),
+    ("rotation_z_deg", "/rotation_deg/2"),
+    ("rotation_sigma_x_deg", "/rotation_sigma_deg/0"),
+    ("rotation_sigma_y_deg", "/rotation_sigma_deg/1"),
+    ("rotation_sigma_z_deg", "/rotation_sigma_deg/2"),
+    ("pivot_x_mm", "/pivot_mm/0"),
+    ("pivot_y_mm", "/pivot_mm/1"),
+    ("pivot_z_mm", "/pivot_mm/2"),
+];
+
 /// Groups of columns, in their order.
 pub type Columns = [&'static [Column]];
 

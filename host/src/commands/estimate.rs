@@ -13,6 +13,7 @@ use crate::commands::failure::Failure;
 use crate::commands::folder_input::PairOption;
 use clap::{Args, ValueEnum};
 use pose::PoseOptions;
+pub use pose::Rotation;
 use printer::Printer;
 use serde::Serialize;
 use trinocular_recording::read::is_recording;
@@ -182,9 +183,12 @@ enum Reference {
 pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failure> {
     let method = options.method.unwrap_or(Method::Midpoint);
     let is_points = !is_recording(&options.input) && !options.input.is_dir();
-    options.pose.check(options.method, is_points)?;
     let read = |path: &PathBuf| method.read_rig(path);
     let rig = options.rig.as_ref().map(read).transpose()?;
+    let pose = rig
+        .as_ref()
+        .map_or(options.pose, |rig| options.pose.of_rig(rig, options.method));
+    pose.check(options.method, is_points)?;
     let printer = Printer {
         options,
         method,
@@ -222,7 +226,10 @@ fn run_points<W: Write>(
 ) -> Result<(), Failure> {
     let points = points::read(&options.input, rig)?;
     printer.warnings = points.warnings();
-    let rule = options.pose.rule(options.method);
+    let rule = options
+        .pose
+        .of_rig(rig, options.method)
+        .rule(options.method);
     let solution = rule.of_points(&rig.rig, &points, &mut printer.warnings);
     printer.solution(solution, points.correspondences.len(), points.rejected)?;
     printer.finish()
@@ -268,7 +275,10 @@ fn run_captures<W: Write>(
     };
     let mut reference = refer_to(&mut flow, first?);
     let mut exposures = Exposures::new(&rig.names);
-    let rule = options.pose.rule(options.method);
+    let rule = options
+        .pose
+        .of_rig(rig, options.method)
+        .rule(options.method);
     for capture in captures {
         let capture = match capture {
             Ok(capture) => capture,

@@ -55,6 +55,7 @@ mod status;
 mod stop;
 mod tables;
 mod track;
+mod turning;
 mod twin;
 mod verify;
 mod version;

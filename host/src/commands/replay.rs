@@ -14,6 +14,7 @@ use trinocular_recording::read::{Source, calibration};
 use trinocular_recording::replay::{self, Comparison, Difference, Replayed, Settings};
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
+use trinocular_rig::pivot::NotAPivot;
 use trinocular_rig::printable::printable_up_to;
 use trinocular_vision::sums::Estimator;
 
@@ -116,10 +117,17 @@ fn settings(
             return Err(InputError::file(source.path(), reason).into());
         }
     };
+    let pivot = match origin.get("pivot") {
+        None => None,
+        Some(pivot) => Some(pivot.parse().map_err(|error: NotAPivot| {
+            InputError::file(source.path(), format!("its pivot {pivot:?}: {error}"))
+        })?),
+    };
     Ok(Settings {
         rig: rig.rig,
         names: rig.names,
         estimator,
+        pivot,
         twin: origin.get("twin").cloned(),
     })
 }

@@ -17,6 +17,7 @@ use super::range;
 use super::record::{Origin, RecordOption, Recording};
 use super::region::RegionOption;
 use super::scene::SceneOptions;
+use super::turning::TurningOptions;
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
@@ -126,6 +127,9 @@ pub struct TrackOptions {
     #[arg(long, value_enum, default_value_t = Estimator::Midpoint)]
     method: Estimator,
 
+    #[command(flatten)]
+    turning: TurningOptions,
+
     /// Print one JSON object per frame set and line
     ///
     /// time_s, displacement_mm (the target's since the keyframe, as seen from the cameras),
@@ -133,6 +137,8 @@ pub struct TrackOptions {
     /// (in the station's position); stage_mm, frame and drops (of live cameras, so far), or with
     /// --sim target_mm and camera_mm. `warnings`, a list of sentences, is there only if a camera was
     /// left out or an image is badly exposed; `refused` is the reason why a frame set was not used.
+    /// With --rotation estimate also rotation_deg (about the cameras' x, y, z), rotation_sigma_deg and
+    /// pivot_mm; displacement_mm is then the pivot's.
     #[arg(long)]
     json: bool,
 
@@ -237,6 +243,32 @@ impl TrackOptions {
         opened.start(&origin)
     }
 
+    /// Reads the rig file, and applies the options about a target that turns.
+    fn read_rig(&self, path: &std::path::Path) -> Result<RigFile, Failure> {
+        let mut rig = self.method.read_rig(path)?;
+        self.turn(&mut rig)?;
+        Ok(rig)
+    }
+
+    /// Applies the options about a target that turns.
+    fn turn(&self, rig: &mut RigFile) -> Result<(), Failure> {
+        self.turning.apply(rig)?;
+        if rig.pivot.is_some() && self.method == Estimator::ClosedForm {
+            return Err(Failure::Usage(
+                "the estimator closed-form knows no rotation; use --method midpoint, or \
+                 --rotation refuse"
+                    .to_owned(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Returns the columns of --csv.
+    fn columns(&self, rig: &RigFile) -> Vec<&'static [Column]> {
+        let turn = rig.pivot.map(|_| csv_rows::TURN.as_slice());
+        COLUMNS.into_iter().chain(turn).collect()
+    }
+
     /// Returns the time between two frame sets, µs.
     fn period_us(&self) -> u64 {
         let recorded = self.recorded_period_us.get();
@@ -318,6 +350,11 @@ fn add_outcome(object: &mut Value, outcome: &ServoOutcome) {
             object["points"] = json!(estimate.points);
             object["rejected"] = json!(estimate.rejected);
             object["latency_ms"] = json!(f64::from(estimate.latency_us) * 1e-3);
+            if let Some(turn) = &estimate.turn {
+                object["rotation_deg"] = json!(turn.rotation_deg);
+                object["rotation_sigma_deg"] = json!(turn.rotation_sigma_deg);
+                object["pivot_mm"] = json!(turn.pivot_mm);
+            }
         }
         other => object["refused"] = json!(other.refusal().unwrap_or_default()),
     }
@@ -370,7 +407,11 @@ fn known(estimate: &ServoEstimate) -> String {
     let ServoEstimate {
         points, rejected, ..
     } = estimate;
-    format!("{sigma}{points} points, {rejected} rejected")
+    let turned = estimate.turn.map_or(String::new(), |turn| {
+        let degrees = turn.rotation_deg.map(|angle| format!("{angle:.3}"));
+        format!("turned by {} deg, ", degrees.join(" "))
+    });
+    format!("{sigma}{turned}{points} points, {rejected} rejected")
 }
 
 /// Formats three columns of a row, mm.

@@ -10,6 +10,7 @@ use trinocular_core::frame::message::Command;
 use trinocular_core::rig::Rig;
 use trinocular_core::time::Instant;
 use trinocular_rig::error::InputError;
+use trinocular_rig::pivot::Pivot;
 use trinocular_vision::flow::region::Regions;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::sums::Estimator;
@@ -144,6 +145,11 @@ impl FrameSetServo {
     /// keyframe, masks at the next measurement.
     pub fn set_regions(&mut self, regions: Regions) {
         self.servo.set_regions(regions);
+    }
+
+    /// Estimates the rotation of the target from now on, as [`VisualServo::set_pivot`] does.
+    pub fn set_pivot(&mut self, pivot: Option<Pivot>) {
+        self.servo.set_pivot(pivot);
     }
 
     /// Adds an observer, which sees the keyframe and every turn from now on.

@@ -7,6 +7,7 @@ use super::visual_servo::{ServoOutcome, ServoStep, VisualServo};
 use super::world::{Exposure, SimulatedWorld};
 use trinocular_core::rig::Rig;
 use trinocular_core::time::Instant;
+use trinocular_rig::pivot::Pivot;
 use trinocular_vision::sums::Estimator;
 
 /// Rate and latency of the loop.
@@ -102,6 +103,11 @@ impl SimulatedServo {
             taken: 0,
             last: moment.at,
         })
+    }
+
+    /// Estimates the rotation of the target from now on, as [`VisualServo::set_pivot`] does.
+    pub fn set_pivot(&mut self, pivot: Option<Pivot>) {
+        self.servo.set_pivot(pivot);
     }
 
     /// Returns the time since the keyframe, s.

@@ -9,9 +9,10 @@ use trinocular_core::frame::message::{EstimateReport, Frame, Sums as FrameSums};
 use trinocular_core::rig::Rig;
 use trinocular_core::safety::Trust;
 use trinocular_core::time::Instant;
+use trinocular_rig::pivot::Pivot;
 use trinocular_vision::flow::CameraRefusal;
 use trinocular_vision::flow::region::Regions;
-use trinocular_vision::flow::{self, Correspondence, Flow, FlowSettings, Measurement};
+use trinocular_vision::flow::{self, Correspondence, Flow, FlowSettings, Measurement, TargetTurn};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::measure::{MeasureRefusal, measure};
 use trinocular_vision::sums::{Estimator, Sums};
@@ -20,7 +21,7 @@ use trinocular_vision::sums::{Estimator, Sums};
 #[derive(Clone, Debug, PartialEq)]
 pub enum ServoOutcome {
     /// The station used the frame.
-    Used(ServoEstimate),
+    Used(Box<ServoEstimate>),
     /// The images gave no frame.
     Refused(MeasureRefusal),
     /// The frame was sent, but it is unknown whether the station used it.
@@ -42,19 +43,22 @@ pub struct ServoEstimate {
     pub rejected: usize,
     /// Time from the images to the first step that they could change, µs.
     pub latency_us: u32,
+    /// Rotation of the target, if it is estimated; the displacement is then that of the pivot.
+    pub turn: Option<TargetTurn>,
 }
 
 impl ServoEstimate {
     fn new(report: &EstimateReport, measured: &Measured) -> Self {
         let sigma_mm = report.sigma_mm();
-        let rejected = measured.measurement.as_ref();
+        let measurement = measured.measurement.as_ref();
         Self {
             displacement_mm: report.displacement_mm(),
             sigma_mm,
             covariance_mm2: sigma_mm.and(measured.covariance_mm2),
             points: measured.points,
-            rejected: rejected.map_or(0, |measurement| measurement.rejected.total()),
+            rejected: measurement.map_or(0, |measurement| measurement.rejected.total()),
             latency_us: report.latency_us,
+            turn: measurement.and_then(|measurement| measurement.turn),
         }
     }
 }
@@ -101,7 +105,7 @@ pub struct Measured {
     pub sums: FrameSums,
     /// Points behind the sums.
     pub points: usize,
-    /// Covariance of the displacement by the midpoint model, mm².
+    /// Covariance of the displacement, mm².
     pub covariance_mm2: Option<[[f64; 3]; 3]>,
     /// Cameras that took no part, from 0, each with its reason.
     pub absent: Vec<(usize, CameraRefusal)>,
@@ -178,6 +182,12 @@ impl VisualServo {
         self.flow.set_regions(regions);
     }
 
+    /// Estimates the rotation of the target and follows this point of it; with `None`, a target that
+    /// turns is refused.
+    pub fn set_pivot(&mut self, pivot: Option<Pivot>) {
+        self.flow.set_pivot(pivot);
+    }
+
     /// Adds an observer, which sees the keyframe and every [`VisualServo::step`] from now on.
     pub fn add_observer(&mut self, observer: Box<dyn ServoObserver>) {
         self.observers.push(observer);
@@ -216,10 +226,11 @@ impl VisualServo {
     /// If the images give no sums, with the reason.
     pub fn measure(&mut self, images: &FrameSet) -> Result<Measured, MeasureRefusal> {
         let (measured, sums) = measure(&mut self.flow, &self.rig, images)?;
+        let of_pivot = measured.turn.map(|turn| turn.covariance_mm2);
         Ok(Measured {
             sums: sums.frame(self.estimator)?,
             points: measured.correspondences.len(),
-            covariance_mm2: covariance_mm2(&sums),
+            covariance_mm2: of_pivot.or_else(|| covariance_mm2(&sums)),
             absent: measured.refused_cameras.clone(),
             measurement: Some(measured),
         })
@@ -269,7 +280,9 @@ impl VisualServo {
                     station.advance(arrival);
                 }
                 match station.offer(self.frame(taken, measured.sums))? {
-                    Ok(report) => ServoOutcome::Used(ServoEstimate::new(&report, measured)),
+                    Ok(report) => {
+                        ServoOutcome::Used(Box::new(ServoEstimate::new(&report, measured)))
+                    }
                     Err(refusal) => ServoOutcome::Unused(refusal),
                 }
             }

@@ -10,7 +10,7 @@ use trinocular_core::frame::message::Mounting;
 use trinocular_core::rig::Rig;
 use trinocular_core::time::Instant;
 use trinocular_rig::rig_file::Stage;
-use trinocular_vision::images::{FrameSet, Scene, SceneSettings, Texture};
+use trinocular_vision::images::{self, FrameSet, Pose, Scene, SceneSettings, Texture};
 
 /// Simulated world of both stations, the poster and the cameras.
 ///
@@ -23,8 +23,26 @@ pub struct SimulatedWorld {
     /// Station with the cameras; driven by flow frames.
     pub b: StationLink,
     scene: Scene,
+    swing: Option<(Swing, Instant)>,
     seed: u64,
     captures: u64,
+}
+
+/// Rotation of the poster to and fro about its origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Swing {
+    /// Largest rotation vector, degrees.
+    pub most_deg: [f64; 3],
+    /// Periods per second.
+    pub per_s: f64,
+}
+
+impl Swing {
+    /// Returns the rotation vector after `time_s`, degrees.
+    fn at(&self, time_s: f64) -> [f64; 3] {
+        let share = (core::f64::consts::TAU * self.per_s * time_s).sin();
+        self.most_deg.map(|most| share * most)
+    }
 }
 
 /// Frame set, and the truth about it that the station does not get.
@@ -77,6 +95,7 @@ impl SimulatedWorld {
             a: Twin::start(&default_stage(), "twin A", Mounting::OnStage)?,
             b: StationLink::start_observed(place, stage, Mounting::OnStage, observer)?,
             scene,
+            swing: None,
             seed,
             captures: 0,
         };
@@ -91,6 +110,11 @@ impl SimulatedWorld {
             // The host's clock never rests: the time up to which the world has run counts.
             None => self.a.now(),
         }
+    }
+
+    /// Lets the poster swing from now on.
+    pub fn set_swing(&mut self, swing: Swing) {
+        self.swing = Some((swing, self.now()));
     }
 
     /// Lets time pass for both stations.
@@ -134,7 +158,20 @@ impl SimulatedWorld {
         Ok(Exposure {
             moment,
             target_mm,
-            capture: self.scene.render(relative_mm, moment.at.micros(), seed),
+            capture: self.render(relative_mm, moment.at, seed),
         })
+    }
+
+    fn render(&self, relative_mm: [f64; 3], at: Instant, seed: u64) -> FrameSet {
+        let Some((swing, begin)) = &self.swing else {
+            return self.scene.render(relative_mm, at.micros(), seed);
+        };
+        let pose = Pose {
+            relative_mm,
+            turned_deg: swing.at(at.since(*begin) as f64 * 1e-6),
+        };
+        let shot = images::Exposure::of(pose, self.scene.settings().noise_grey);
+        let shots = vec![shot; self.scene.cameras()];
+        self.scene.render_exposures(&shots, at.micros(), seed)
     }
 }

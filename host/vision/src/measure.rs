@@ -20,8 +20,8 @@ pub enum MeasureRefusal {
     NothingSeen,
 }
 
-/// Measures `capture` against the keyframe of `flow` and returns the correspondences and their
-/// sums.
+/// Measures `capture` against the keyframe of `flow` as [`Flow::measure_target`] does, and returns
+/// the correspondences and their sums.
 ///
 /// # Errors
 /// [`MeasureRefusal`], with the stage that refused.
@@ -52,7 +52,7 @@ pub fn measure(
     rig: &Rig,
     capture: &FrameSet,
 ) -> Result<(Measurement, Sums), MeasureRefusal> {
-    let measured = flow.measure(capture)?;
+    let measured = flow.measure_target(capture)?;
     let sums = Sums::of(rig, &measured)?;
     Ok((measured, sums))
 }

@@ -12,15 +12,17 @@ use trinocular_rig::random::Random;
 const SAMPLES: usize = 50;
 /// Largest number of points that judge a sample.
 const MOST_JUDGES: usize = 500;
-/// Distance beyond which a point counts as simply wrong, in normalised coordinates.
-const FAR: f64 = 0.02;
 /// Distance of the points that are kept, in multiples of the median.
 const NEAR: f64 = 5.0;
 /// Rounds of keeping the near points.
 const ROUNDS: usize = 3;
 
-/// Returns the pose that most of the points agree on; `None` if the points do not determine one.
-pub fn motion(geometry: &Geometry, all: &[Observation]) -> Option<Estimate> {
+/// Returns the pose that most of the points agree on; `None` if the points do not determine one. A
+/// point off by more than `far`, in normalised coordinates, counts as simply wrong.
+pub fn motion(geometry: &Geometry, all: &[Observation], far: f64) -> Option<Estimate> {
+    if all.is_empty() {
+        return None;
+    }
     let stride = all.len().div_ceil(MOST_JUDGES).max(1);
     let judges: Vec<Observation> = all.iter().copied().step_by(stride).collect();
     let mut random = Random::seeded(all.len() as u64);
@@ -31,7 +33,7 @@ pub fn motion(geometry: &Geometry, all: &[Observation]) -> Option<Estimate> {
         let pose = pose::plain(geometry, &sample).ok()?;
         let score: f64 = judges
             .iter()
-            .map(|o| distance(geometry, &pose, o).min(FAR))
+            .map(|o| distance(geometry, &pose, o).min(far))
             .sum();
         Some((score, pose))
     });
@@ -53,9 +55,9 @@ pub fn motion(geometry: &Geometry, all: &[Observation]) -> Option<Estimate> {
 /// coordinates.
 fn distance(geometry: &Geometry, pose: &Estimate, observation: &Observation) -> f64 {
     let Some([x, y, _]) = pose.moved(geometry, observation.start) else {
-        return FAR;
+        return f64::INFINITY;
     };
     let [alpha, beta, _] = observation.end;
     let off = (x - alpha).hypot(y - beta);
-    if off.is_finite() { off } else { FAR }
+    if off.is_finite() { off } else { f64::INFINITY }
 }

@@ -62,12 +62,29 @@ impl Sums {
     }
 
     /// Computes the sums over the inliers of a measurement, given the whole rig, with the measured
-    /// variance inflation.
+    /// variance inflation. Those of a rotation have the pivot's displacement and its variance, and
+    /// suit the midpoint estimator alone.
     ///
     /// # Errors
-    /// [`Refusal::WrongRig`] for fewer than two cameras.
+    /// [`Refusal::WrongRig`] for fewer than two cameras, [`Refusal::Degenerate`] for a displacement
+    /// without a variance.
     pub fn of(rig: &Rig, measurement: &Measurement) -> Result<Self, Refusal> {
-        let mut sums = Self::new(&measurement.rig(rig), &measurement.correspondences)?;
+        let rig = measurement.rig(rig);
+        if let Some(turn) = &measurement.turn {
+            let points = measurement.correspondences.len() as u32;
+            let (moved_mm, sigma) = (measurement.displacement_mm, turn.sigma);
+            return Ok(Self {
+                centred: CentredSums::of_displacement(
+                    &rig,
+                    points,
+                    moved_mm,
+                    turn.covariance_mm2,
+                    sigma,
+                )?,
+                pairs: Err(Refusal::WrongRig),
+            });
+        }
+        let mut sums = Self::new(&rig, &measurement.correspondences)?;
         sums.centred.overlap = measurement.variance_inflation.factor;
         Ok(sums)
     }

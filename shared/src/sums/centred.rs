@@ -217,6 +217,60 @@ impl CentredSums {
         })
     }
 
+    /// Creates the sums from which the midpoint estimator gets this displacement with its variance,
+    /// for a displacement that was estimated in another way from `points` points; `sigma` is the
+    /// standard deviation of one normalised coordinate.
+    ///
+    /// The covariance of the midpoint estimator, `v (diag(1, 1, 0) + u u' / d)` with `u = (ξ, η,
+    /// 1)`, has one `v` for x and y: the larger one is stated for both.
+    ///
+    /// # Errors
+    /// [`Refusal::WrongRig`] as [`CentredSums::new`]; [`Refusal::TooFewPoints`] without a degree of
+    /// freedom, [`Refusal::Degenerate`] if a variance is not positive.
+    ///
+    /// ```
+    /// use trinocular_core::estimate::midpoint;
+    /// use trinocular_core::{rig::Rig, sums::centred::CentredSums};
+    ///
+    /// let covariance = [[4e-6, 0.0, 1e-6], [0.0, 1e-6, 0.0], [1e-6, 0.0, 9e-4]];
+    /// let sums = CentredSums::of_displacement(&Rig::paper(), 100, [3.0, 4.0, -5.0], covariance, 2e-5)?;
+    /// let estimate = midpoint::solve(&sums)?;
+    /// let [x, y, z] = estimate.sigma_mm();
+    /// assert!((estimate.displacement_mm[2] + 5.0).abs() < 1e-12);
+    /// assert!((x - 0.002).abs() < 1e-9 && (z - 0.03).abs() < 1e-9 && y >= 0.001);
+    /// # Ok::<(), trinocular_core::estimate::Refusal>(())
+    /// ```
+    pub fn of_displacement(
+        rig: &Rig,
+        points: u32,
+        [tx, ty, tz]: [f64; 3],
+        covariance_mm2: [[f64; 3]; 3],
+        sigma: f64,
+    ) -> Result<Self, Refusal> {
+        let mut sums = Self::new(rig)?;
+        sums.points = points;
+        let freedom = sums.freedom();
+        if freedom <= 0 {
+            return Err(Refusal::TooFewPoints);
+        }
+        // v/d is the variance of z, ξ and η are its regressions to x and y, v is what is left.
+        let [[xx, _, xz], [_, yy, yz], [_, _, zz]] = covariance_mm2;
+        let centroid = [xz / zz, yz / zz];
+        let left = f64::max(xx - centroid[0] * xz, yy - centroid[1] * yz);
+        let spread = left / zz;
+        if !(left > 0.0 && zz > 0.0 && spread.is_finite() && sigma > 0.0) {
+            return Err(Refusal::Degenerate);
+        }
+        // The total weight is that for which the midpoint estimator states the same sigma.
+        sums.weight = sigma * sigma / left;
+        sums.centroid = centroid;
+        sums.mean_mm = [tx - centroid[0] * tz, ty - centroid[1] * tz];
+        sums.spread_sum = sums.weight * spread;
+        sums.coupling_sum = tz * sums.spread_sum;
+        sums.scatter_sum = sums.weight * (left * freedom as f64 + tz * tz * spread);
+        Ok(sums)
+    }
+
     /// Adds one point seen by every camera, views in the rig's order.
     ///
     /// Returns false, and adds nothing, if the point is not in front of the cameras at both

@@ -21,6 +21,11 @@ fn measurement() -> Measurement {
         station_mm: [5.0; 3],
         station_sigma_mm: [6.0; 3],
         latency_us: 20_000,
+        turn: Some(Turn {
+            rotation_deg: [1.0, -2.0, 3.0],
+            rotation_sigma_deg: [0.1; 3],
+            pivot_mm: [0.0, 0.0, 850.0],
+        }),
     }
 }
 
@@ -29,9 +34,47 @@ fn measurement_survives_a_round_trip() {
     let (message, mut bytes) = (measurement(), Vec::new());
     message.encode(&mut bytes);
     assert_eq!(Measurement::decode(&bytes), Ok(message));
-    for end in 0..bytes.len() {
+    let mut earlier = Vec::new();
+    let without = Measurement {
+        turn: None,
+        ..measurement()
+    };
+    without.encode(&mut earlier);
+    assert_eq!(Measurement::decode(&earlier), Ok(without.clone()));
+    // Recordings of earlier versions end before the three empty sequences of the rotation.
+    let before = earlier.len() - 3 * 4;
+    assert_eq!(Measurement::decode(&earlier[..before]), Ok(without));
+    for end in (0..bytes.len()).filter(|end| *end != before) {
         assert!(Measurement::decode(&bytes[..end]).is_err(), "{end}");
     }
+}
+
+#[test]
+fn rotation_is_in_the_pose() {
+    let turned = |rotation_deg| {
+        let mut bytes = Vec::new();
+        let turn = Turn {
+            rotation_deg,
+            rotation_sigma_deg: [0.1; 3],
+            pivot_mm: [0.0; 3],
+        };
+        let message = Measurement {
+            turn: Some(turn),
+            ..measurement()
+        };
+        pose(&mut bytes, &message);
+        let mut reader = Reader::new(&bytes).expect("a message");
+        read_header(&mut reader).expect("a header");
+        let _: [f64; 3] = reader.array().expect("a place");
+        let orientation: [f64; 4] = reader.array().expect("a quaternion");
+        let covariance: [f64; 36] = reader.array().expect("a covariance");
+        assert!((covariance[35] - 0.1f64.to_radians().powi(2)).abs() < 1e-15);
+        orientation
+    };
+    assert_eq!(turned([0.0; 3]), [0.0, 0.0, 0.0, 1.0]);
+    let [x, y, z, w] = turned([0.0, 0.0, -90.0]);
+    let half = 0.5f64.sqrt();
+    assert!(x == 0.0 && y == 0.0 && (z + half).abs() < 1e-12 && (w - half).abs() < 1e-12);
 }
 
 #[test]

@@ -39,8 +39,10 @@ pub(super) struct Measuring {
 
 impl Measuring {
     pub fn new(settings: &Settings) -> Result<Self, FlowRefusal> {
+        let mut flow = Flow::new(&settings.rig, FlowSettings::default())?;
+        flow.set_pivot(settings.pivot);
         Ok(Self {
-            flow: Flow::new(&settings.rig, FlowSettings::default())?,
+            flow,
             rig: settings.rig.clone(),
             estimator: settings.estimator,
             cameras: settings.names.len(),

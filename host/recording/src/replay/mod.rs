@@ -21,6 +21,7 @@ use measuring::Measuring;
 use station::StationReplay;
 use trinocular_core::rig::Rig;
 use trinocular_rig::error::InputError;
+use trinocular_rig::pivot::Pivot;
 use trinocular_vision::sums::Estimator;
 
 /// Settings of a replay.
@@ -32,6 +33,8 @@ pub struct Settings {
     pub names: Vec<String>,
     /// The station's estimator.
     pub estimator: Estimator,
+    /// Pivot of a target whose rotation was estimated.
+    pub pivot: Option<Pivot>,
     /// Name that the recorded twin gave as its board; `None` for a station on a line.
     pub twin: Option<String>,
 }

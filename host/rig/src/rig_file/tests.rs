@@ -478,3 +478,57 @@ fn decimal_commas_are_named() {
         assert!(!error.to_string().contains("decimal commas?"), "{error}");
     }
 }
+
+#[test]
+fn pivot_is_read_and_written() {
+    for (lines, expected) in [
+        ("", None),
+        ("rotation = \"refuse\"\n", None),
+        ("rotation = \"estimate\"\n", Some(Pivot::Centroid)),
+        (
+            "rotation = \"estimate\"\npivot = \"centroid\"\n",
+            Some(Pivot::Centroid),
+        ),
+        (
+            "rotation = \"estimate\"\npivot = [1, -2.5, 850]\n",
+            Some(Pivot::Place([1.0, -2.5, 850.0])),
+        ),
+    ] {
+        let read = parse(&(lines.to_owned() + &paper_text())).unwrap();
+        assert_eq!(read.pivot, expected, "{lines}");
+        assert_eq!(parse(&read.to_toml()).unwrap(), read);
+    }
+}
+
+#[test]
+fn impossible_pivots_are_refused() {
+    let estimated = "image_size_px = [320, 240]\nrotation = \"estimate\"\npivot";
+    let first = "image_size_px = [320, 240]";
+    for (to, field, reason) in [
+        ("rotation = \"refuze\"", "rotation", "refuse"),
+        ("rotation = true", "rotation", "a text in quotes"),
+        ("pivot = [0, 0, 850]", "pivot", "rotation = \"estimate\""),
+        (
+            "rotation = \"refuse\"\npivot = \"centroid\"",
+            "pivot",
+            "rotation = \"estimate\"",
+        ),
+    ] {
+        let error = parse(&paper_text().replacen(first, &format!("{first}\n{to}"), 1));
+        let error = error.expect_err(to);
+        assert_eq!(error.field.as_deref(), Some(field), "{error}");
+        assert!(error.reason.contains(reason), "{error}");
+    }
+    for (pivot, field, reason) in [
+        ("\"spot\"", "pivot", "centroid"),
+        ("[0, 0]", "pivot", "3 elements"),
+        ("[0, nan, 0]", "pivot[1]", "finite"),
+        ("[0, 0, 1e9]", "pivot[2]", "out of range"),
+        ("850", "pivot", "an array"),
+    ] {
+        let text = paper_text().replacen(first, &format!("{estimated} = {pivot}"), 1);
+        let error = parse(&text).expect_err(pivot);
+        assert_eq!(error.field.as_deref(), Some(field), "{error}");
+        assert!(error.reason.contains(reason), "{error}");
+    }
+}

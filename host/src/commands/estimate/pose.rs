@@ -1,10 +1,11 @@
 //! Rotation of the target in `estimate`: its options, and its line of text.
 
 use std::io::{self, Write};
-use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
+use trinocular_rig::pivot::Pivot;
+use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::estimation::{self, Rule, Use};
 
 use super::Method;
@@ -18,7 +19,7 @@ const SHOWN_DEG: f64 = 1e-4;
 pub struct PoseOptions {
     /// Estimate the rotation of the target, or refuse a target that turns
     ///
-    /// Without this option the rotation of a points CSV is estimated if the points determine it,
+    /// Without this option the rig file's `rotation` counts. Without either, the rotation of a points CSV is estimated if the points determine it,
     /// unless --method is given; a turn then is a warning. Images whose target turns are refused,
     /// unless `estimate` is given: it measures turns of up to 12 degrees between two images.
     #[arg(long, value_enum)]
@@ -35,40 +36,11 @@ pub struct PoseOptions {
 
 /// Treatment of a target that turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Rotation {
+pub enum Rotation {
     /// Refuse a target that turns by more than 0.15 degrees
     Refuse,
     /// Estimate the rotation vector with its standard deviation
     Estimate,
-}
-
-/// Point of the target whose displacement is stated.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Pivot {
-    /// The mean of all points at the reference instant.
-    Centroid,
-    /// A place at the reference instant, mm.
-    Place([f64; 3]),
-}
-
-/// Error of a pivot that could not be read.
-#[derive(Clone, Copy, Debug, thiserror::Error)]
-#[error("expected centroid, or x, y and z in mm such as 12.5,-8,850")]
-struct NotAPivot;
-
-impl FromStr for Pivot {
-    type Err = NotAPivot;
-
-    fn from_str(text: &str) -> Result<Self, NotAPivot> {
-        if text == "centroid" {
-            return Ok(Self::Centroid);
-        }
-        let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
-        match numbers.as_deref() {
-            Ok(&[x, y, z]) if [x, y, z].iter().all(|n| n.is_finite()) => Ok(Self::Place([x, y, z])),
-            _ => Err(NotAPivot),
-        }
-    }
 }
 
 /// Rotation of the target about the axes of the cameras, as it is printed.
@@ -127,6 +99,19 @@ impl Turn {
 }
 
 impl PoseOptions {
+    /// Adds what the rig file says about a target that turns, for a method that knows a rotation.
+    pub fn of_rig(self, rig: &RigFile, method: Option<Method>) -> Self {
+        let knows_none = matches!(method, Some(Method::ClosedForm | Method::LeastSquares));
+        match (self.rotation, rig.pivot) {
+            (None, Some(_)) if knows_none => self,
+            (None | Some(Rotation::Estimate), Some(pivot)) => Self {
+                rotation: Some(Rotation::Estimate),
+                pivot: self.pivot.or(Some(pivot)),
+            },
+            _ => self,
+        }
+    }
+
     /// Refuses options that contradict each other. `is_points` is true for a points file, whose
     /// rotation is estimated unasked; `method` is the one that was given.
     pub fn check(&self, method: Option<Method>, is_points: bool) -> Result<(), Failure> {
@@ -166,26 +151,6 @@ impl PoseOptions {
                 Some(Pivot::Place(place)) => Some(place),
                 Some(Pivot::Centroid) | None => None,
             },
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pivots_are_read_with_negative_numbers() {
-        let read = |text: &str| text.parse::<Pivot>().ok();
-        assert_eq!(read("centroid"), Some(Pivot::Centroid));
-        assert_eq!(
-            read("-12.5,8, 850"),
-            Some(Pivot::Place([-12.5, 8.0, 850.0]))
-        );
-        for wrong in [
-            "", "spot", "1,2", "1,2,3,4", "1,2,x", "1,nan,3", "inf,0,1", "1;2;3",
-        ] {
-            assert_eq!(read(wrong), None, "{wrong}");
         }
     }
 }

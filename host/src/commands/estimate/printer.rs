@@ -35,19 +35,11 @@ struct Refused {
 }
 
 /// Columns of `--csv`.
-const COLUMNS: [&[Column]; 3] = [
+const COLUMNS: [&[Column]; 4] = [
     &[("frame", "/frame")],
     &csv_rows::DISPLACEMENT,
+    &csv_rows::TURN,
     &[
-        ("rotation_x_deg", "/rotation_deg/0"),
-        ("rotation_y_deg", "/rotation_deg/1"),
-        ("rotation_z_deg", "/rotation_deg/2"),
-        ("rotation_sigma_x_deg", "/rotation_sigma_deg/0"),
-        ("rotation_sigma_y_deg", "/rotation_sigma_deg/1"),
-        ("rotation_sigma_z_deg", "/rotation_sigma_deg/2"),
-        ("pivot_x_mm", "/pivot_mm/0"),
-        ("pivot_y_mm", "/pivot_mm/1"),
-        ("pivot_z_mm", "/pivot_mm/2"),
         ("points", "/points"),
         ("rejected", "/rejected"),
         ("method", "/method"),

@@ -2,7 +2,7 @@
 
 use super::absences::Absences;
 use super::page::{self, TrackPage};
-use super::{COLUMNS, TrackOptions, add_outcome, add_warnings, introduce, known, vector};
+use super::{TrackOptions, add_outcome, add_warnings, introduce, known, vector};
 use crate::commands::exposures::Exposures;
 use crate::commands::failure::Failure;
 use crate::commands::progress::{Count, StatusLine};
@@ -109,6 +109,7 @@ impl<'a> Captures<'a> {
         let servo = FrameSetServo::new(&rig.rig, options.method.into(), clock, station);
         let mut servo = servo.map_err(failed)?;
         servo.set_regions(regions);
+        servo.set_pivot(rig.pivot);
         let reported = options
             .report
             .observers(&rig.rig, HandEye::of(stage, mounting));
@@ -254,13 +255,14 @@ impl<'a> Captures<'a> {
             if let Some(LiveDrops(count)) = &self.drops {
                 object["drops"] = json!(count());
             }
+            let columns = self.options.columns(self.rig);
             if self.options.json {
                 json::line(out, &object)?;
             } else {
                 if frame == 1 {
-                    csv_rows::header(out, &COLUMNS)?;
+                    csv_rows::header(out, &columns)?;
                 }
-                csv_rows::row(out, &COLUMNS, object)?;
+                csv_rows::row(out, &columns, object)?;
             }
         } else {
             if frame == 1 {

@@ -44,7 +44,7 @@ pub fn run(
     rig_path: &Path,
     out: &mut impl Write,
 ) -> Result<(), Failure> {
-    let rig = options.method.read_rig(rig_path)?;
+    let rig = options.read_rig(rig_path)?;
     let devices = cameras::per_camera(devices, &rig, rig_path)?;
     let is_real = options.station.is_given();
     let stage = stage((is_real, options.fixed), &rig, rig_path)?;

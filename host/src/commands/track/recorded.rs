@@ -29,7 +29,7 @@ pub fn run(
     rig_path: &Path,
     out: &mut impl Write,
 ) -> Result<(), Failure> {
-    let rig = options.method.read_rig(rig_path)?;
+    let rig = options.read_rig(rig_path)?;
     let mut captures = options.pair.open(folder, &rig)?;
     if let (None, Some(period_us)) = (options.fps, captures.video_period_us()) {
         let period_us = period_us.clamp(LEAST_PERIOD_US, MOST_PERIOD_US);
@@ -59,7 +59,8 @@ pub fn replay(
     let rig = rig_path
         .map(|path| options.method.read_rig(path))
         .transpose()?;
-    let Rigged { frames, rig } = options.recording.open(recording, rig)?;
+    let Rigged { frames, mut rig } = options.recording.open(recording, rig)?;
+    options.turn(&mut rig)?;
     if options.method == Estimator::ClosedForm {
         RigFile::parse_in_line(recording, &rig.to_toml())?;
     }
@@ -103,7 +104,7 @@ pub fn watch(
     rig_path: &Path,
     out: &mut impl Write,
 ) -> Result<(), Failure> {
-    let rig = options.method.read_rig(rig_path)?;
+    let rig = options.read_rig(rig_path)?;
     let stop = on_interrupt()?;
     let settings = Settings {
         period_us: options.period_us(),

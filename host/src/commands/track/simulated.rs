@@ -4,7 +4,7 @@ use super::super::by_hand;
 use super::super::progress::{Progress, StatusLine};
 use super::absences::Absences;
 use super::page::{self, TrackPage};
-use super::{COLUMNS, TrackOptions, add_outcome, introduce, known, vector};
+use super::{TrackOptions, add_outcome, introduce, known, vector};
 use crate::commands::failure::Failure;
 use crate::commands::{csv_rows, json};
 use serde_json::json;
@@ -38,8 +38,12 @@ fn default_seconds(path: TargetPath) -> f64 {
 /// Runs for the duration, then prints a summary on standard error.
 pub fn run(options: &TrackOptions, out: &mut impl Write) -> Result<(), Failure> {
     let mut file = match &options.rig {
-        Some(path) => options.method.read_rig(path)?,
-        None => RigFile::paper(),
+        Some(path) => options.read_rig(path)?,
+        None => {
+            let mut paper = RigFile::paper();
+            options.turn(&mut paper)?;
+            paper
+        }
     };
     file.stage.get_or_insert_with(default_stage);
     let recording = options.recording(&file)?;
@@ -87,6 +91,8 @@ fn follow(
     let estimator = options.method.into();
     let servo = SimulatedServo::start_observed(&mut world, &rig, timing, estimator, observers);
     let mut servo = servo.map_err(failed)?;
+    servo.set_pivot(file.pivot);
+    let columns = options.columns(&file);
     let mut absences = Absences::new(&file.names);
     let mut line = StatusLine::new(options.json || options.csv);
     let mut progress = match line {
@@ -95,7 +101,7 @@ fn follow(
     };
     let (mut squares, mut worst, mut count, mut unused) = ([0.0; 3], [0.0f64; 3], 0u32, 0u32);
     if options.csv {
-        csv_rows::header(out, &COLUMNS)?;
+        csv_rows::header(out, &columns)?;
     } else if !options.json && line.is_none() {
         writeln!(
             out,
@@ -135,7 +141,7 @@ fn follow(
             absences.warn(&step.turn.absent);
             match &mut line {
                 Some(line) => line.show(|rate| status(&step, error, rate)),
-                None => print(options, &step, error, &absences, out)?,
+                None => print((options, &columns), &step, error, &absences, out)?,
             }
         }
         Ok(false)
@@ -189,7 +195,7 @@ fn status(step: &SimulatedStep, error: [f64; 3], rate: f64) -> String {
 }
 
 fn print(
-    options: &TrackOptions,
+    (options, columns): (&TrackOptions, &csv_rows::Columns),
     step: &SimulatedStep,
     error: [f64; 3],
     absences: &Absences,
@@ -216,7 +222,7 @@ fn print(
         add_outcome(&mut object, outcome);
         return match options.json {
             true => Ok(json::line(out, &object)?),
-            false => Ok(csv_rows::row(out, &COLUMNS, object)?),
+            false => Ok(csv_rows::row(out, columns, object)?),
         };
     }
     writeln!(

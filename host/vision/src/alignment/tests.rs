@@ -307,6 +307,7 @@ fn other_rigs_get_visible_offsets() {
         names: vec!["top".into(), "bottom".into()],
         rig: rig.clone(),
         stage: None,
+        pivot: None,
     };
     let mut truth = rig;
     truth.cameras[0].principal_px[0] += 4.0;

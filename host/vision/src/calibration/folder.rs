@@ -92,6 +92,7 @@ impl Calibration {
             names,
             rig,
             stage: None,
+            pivot: None,
         })
     }
 

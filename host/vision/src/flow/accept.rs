@@ -1,16 +1,17 @@
 //! Acceptance of tracked points: from correspondences to a measurement, or to a refusal.
 
 use super::active_cameras::ActiveCameras;
-use super::consensus::Consensus;
+use super::consensus::{Agreement, Consensus};
 use super::keyframe::ActiveKeyframe;
 use super::measurement::RejectedPoint;
 use super::rotation::TargetRotation;
 use super::sync::UnsynchronisedCamera;
 use super::temporal::TemporalMatcher;
+use super::tracks::Tracks;
 use super::variance_inflation::{VarianceInflation, with_common_error};
 use super::{Correspondence, Flow, FlowRefusal, Measurement};
+use crate::matching::Reject;
 use crate::matching::stereo::StereoMatch;
-use crate::matching::{Reject, RejectCounts};
 use trinocular_core::estimate::midpoint::Estimate;
 
 /// A rotation is refused when `ω' C^-1 ω` is beyond this limit. With three degrees of freedom,
@@ -19,15 +20,15 @@ const CERTAIN_CHI_SQUARED: f64 = 25.0;
 
 /// Result of tracking with one set of active cameras.
 #[derive(Debug)]
-pub(super) struct Tracking {
+pub(super) struct Tracking<M = Measurement> {
     /// Measurement, or the reason why there is none.
-    pub(super) result: Result<Measurement, FlowRefusal>,
+    pub(super) result: Result<M, FlowRefusal>,
     /// Index in the rig of a camera that is not synchronised, if there is one, and the share of
     /// the motion that it saw in excess of the others.
     pub(super) unsynchronised: Option<(usize, f64)>,
 }
 
-impl Tracking {
+impl<M> Tracking<M> {
     /// Creates the result of a refusal for which no camera is responsible.
     pub(super) fn refused(refusal: FlowRefusal) -> Self {
         Self {
@@ -38,52 +39,41 @@ impl Tracking {
 }
 
 impl Flow {
-    /// Keeps the inliers of `tracked`, which must be most of the `expected` points in view;
-    /// otherwise the target is unknown. Also finds a camera that is not synchronised.
+    /// Keeps the inliers of `tracks`, which must be most of the points in view; otherwise the target
+    /// is unknown. Also finds a camera that is not synchronised.
     pub(super) fn accept(
         &self,
         active: &ActiveCameras,
-        tracked: Vec<Correspondence>,
-        expected: usize,
+        tracks: Tracks,
         rough_mm: [f64; 3],
-        mut rejected: RejectCounts,
         mut rejected_points: Vec<RejectedPoint>,
     ) -> Tracking {
         let (settings, geometry) = (&self.settings, &active.geometry);
 
         // Consensus: iteratively re-solved inliers of the midpoint model.
-        let consensus = Consensus::of_points(geometry, &tracked, rough_mm, settings.min_inlier_px);
-        let (agree, median_px) = consensus
-            .as_ref()
-            .map_or((0, f64::NAN), |c| (c.count(), c.median_px));
-        let refused = FlowRefusal::NoAgreement {
-            agree,
-            expected,
-            median_px,
-        };
+        let tracked = &tracks.points;
+        let consensus = Consensus::of_points(geometry, tracked, rough_mm, settings.min_inlier_px);
         let Some(consensus) = consensus else {
-            return Tracking::refused(refused);
+            return Tracking::refused(tracks.no_agreement(0, f64::NAN));
         };
         let displacement_mm = consensus.model.estimate.displacement_mm;
-        if agree < settings.min_points
-            || 2 * agree < expected
-            || median_px > settings.max_median_residual_px
-        {
+        if let Err(refused) = self.agreed(&tracks, &consensus) {
             // Points that a rotation explains are refused for the rotation.
-            let rotation = TargetRotation::of(geometry, &tracked, displacement_mm, 1.0);
+            let rotation = TargetRotation::of(geometry, tracked, displacement_mm, 1.0);
             let rotation = rotation.filter(|r| r.residual_share < 0.5 && self.is_excessive(r));
             let degrees = rotation.map(|r| r.degrees);
             let rotated = degrees.map(|degrees| FlowRefusal::Turned { degrees });
             return Tracking::refused(rotated.unwrap_or(refused));
         }
-        for outlier in consensus.outliers_of(&tracked) {
+        let mut rejected = tracks.rejected;
+        for outlier in consensus.outliers_of(tracked) {
             rejected.add(Reject::Outlier);
             rejected_points.push(RejectedPoint {
                 pixels: outlier.pixels.iter().map(|[_, now]| *now).collect(),
                 reason: Reject::Outlier,
             });
         }
-        let inliers = consensus.inliers_of(tracked);
+        let inliers = consensus.inliers_of(tracks.points);
 
         // Variance inflation: correlated errors of overlapping windows and of cameras.
         let mut inflation = VarianceInflation::of(geometry, &inliers, displacement_mm);
@@ -118,6 +108,7 @@ impl Flow {
             rejected_points,
             displacement_mm,
             variance_inflation: inflation,
+            turn: None,
         };
         Tracking {
             result: Ok(measurement),
@@ -152,6 +143,24 @@ impl Flow {
         let camera = UnsynchronisedCamera::find(geometry, &inliers, displacement_mm, factor)?;
         let camera = Some(camera).filter(UnsynchronisedCamera::is_unsynchronised)?;
         camera.in_rig(keyframe.active)
+    }
+
+    /// Refuses an agreement of too few points, of less than half of the points in view, or of points
+    /// that scatter too much.
+    pub(super) fn agreed<M>(
+        &self,
+        tracks: &Tracks,
+        agreement: &Agreement<M>,
+    ) -> Result<(), FlowRefusal> {
+        let (agree, median_px) = (agreement.count(), agreement.median_px);
+        let settings = &self.settings;
+        if agree >= settings.min_points
+            && 2 * agree >= tracks.expected
+            && median_px <= settings.max_median_residual_px
+        {
+            return Ok(());
+        }
+        Err(tracks.no_agreement(agree, median_px))
     }
 
     /// Returns true if the target rotates certainly, and by more than the settings allow.

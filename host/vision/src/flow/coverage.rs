@@ -15,12 +15,11 @@
 
 use std::collections::BTreeMap;
 
-use super::consensus::PointFlow;
-use super::displacement_search::DisplacementSearch;
+use super::corner_motion::CornerMotion;
 use super::keyframe::ActiveKeyframe;
 use super::region::Regions;
 use super::temporal::TemporalMatcher;
-use super::{Correspondence, FlowRefusal, Measurement};
+use super::{Correspondence, FlowRefusal};
 use crate::matching::lucas_kanade::FineTemplate;
 use crate::matching::stereo::StereoMatch;
 
@@ -40,6 +39,8 @@ const DEPTHS: [f64; 2] = [1.2, 0.85];
 /// Least share of inlier cells that counts as most of the image. It is a little more than half,
 /// because cells count whole although they may move only in part.
 const MOST: f64 = 0.55;
+/// Number of places along each side of a cell that a region may allow.
+const SAMPLES: usize = 8;
 /// Number of inlier cells per outlier cell at which the inliers are accepted without further tests.
 const INLIERS_PER_OUTLIER: usize = 8;
 
@@ -55,36 +56,34 @@ pub(super) struct InlierCoverage {
 }
 
 impl InlierCoverage {
-    /// Counts the cells of the reference camera's image in which `search` looked.
+    /// Counts the cells of the reference camera's image, given the inliers and the motion that they
+    /// share.
     pub(super) fn of(
         keyframe: &ActiveKeyframe<'_>,
         matcher: &TemporalMatcher<'_>,
-        search: &DisplacementSearch<'_>,
-        measurement: &Measurement,
+        motion: &dyn CornerMotion,
+        inliers: &[Correspondence],
         regions: &Regions,
     ) -> Self {
         let reference = matcher.geometry.reference;
         let camera = keyframe.active.cameras[reference];
         let tracker = CornerTracker {
             matcher,
-            search,
-            measurement,
+            motion,
+            inliers,
         };
 
         // Cells that hold an inlier.
         let grid = CellGrid::of(matcher.geometry.rig.image_size_px);
         let cell_of = |inlier: &Correspondence| grid.cell_at(inlier.pixels[reference][0]);
-        let mut inlier_cells: Vec<usize> =
-            measurement.correspondences.iter().map(cell_of).collect();
+        let mut inlier_cells: Vec<usize> = inliers.iter().map(cell_of).collect();
         inlier_cells.sort_unstable();
         inlier_cells.dedup();
+        let allows = |at| regions.allow_start(camera, at);
         let mut coverage = Self {
             inlier_cells: inlier_cells.len(),
             outlier_cells: 0,
-            visible_cells: grid
-                .centres()
-                .filter(|at| regions.allow_start(camera, *at))
-                .count(),
+            visible_cells: grid.places(allows).count(),
         };
         if coverage.is_most() {
             return coverage;
@@ -114,8 +113,7 @@ impl InlierCoverage {
         let is_there = |corner| tracker.is_at_prediction(corner);
         let are_there = matcher.thread_pool.map(others.clone(), is_there);
         coverage.inlier_cells += are_there.iter().filter(|is| **is).count();
-        let in_region = grid.centres().filter(|at| regions.allow_start(camera, *at));
-        let in_view = in_region.filter(|at| tracker.stays_in_view(*at));
+        let in_view = grid.places(allows).filter(|at| tracker.stays_in_view(*at));
         coverage.visible_cells = in_view.count();
         if coverage.is_most() {
             return coverage;
@@ -178,9 +176,19 @@ impl CellGrid {
         index(y).min(self.rows - 1) * self.columns + index(x).min(self.columns - 1)
     }
 
-    fn centres(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
-        let centre = |i: usize| Self::MARGIN_PX + (i as f64 + 0.5) * self.side_px;
-        (0..self.rows).flat_map(move |y| (0..self.columns).map(move |x| [x, y].map(centre)))
+    /// Returns a place in each cell that has an allowed one: its centre if that is allowed.
+    fn places(&self, allows: impl Fn([f64; 2]) -> bool) -> impl Iterator<Item = [f64; 2]> {
+        let place = move |cell: [usize; 2]| {
+            let at = |share: [f64; 2]| {
+                [0, 1].map(|i| Self::MARGIN_PX + (cell[i] as f64 + share[i]) * self.side_px)
+            };
+            let shares = (0..SAMPLES * SAMPLES)
+                .map(|i| [i % SAMPLES, i / SAMPLES].map(|i| (i as f64 + 0.5) / SAMPLES as f64));
+            let mut places = std::iter::once([0.5; 2]).chain(shares).map(at);
+            places.find(|at| allows(*at))
+        };
+        let cells = (0..self.rows).flat_map(|y| (0..self.columns).map(move |x| [x, y]));
+        cells.filter_map(place)
     }
 }
 
@@ -200,13 +208,19 @@ impl CellCorner {
             inverse_depths: [matched.ray.inverse_depth; 2],
         }
     }
+
+    /// Returns the middle of the inverse depths, 1/mm.
+    fn inverse_depth(self) -> f64 {
+        let [far, near] = self.inverse_depths;
+        0.5 * (far + near)
+    }
 }
 
 /// Tracker of the corners that represent cells.
 struct CornerTracker<'a> {
     matcher: &'a TemporalMatcher<'a>,
-    search: &'a DisplacementSearch<'a>,
-    measurement: &'a Measurement,
+    motion: &'a dyn CornerMotion,
+    inliers: &'a [Correspondence],
 }
 
 impl CornerTracker<'_> {
@@ -227,7 +241,7 @@ impl CornerTracker<'_> {
             let [x, y] = inlier.pixels[geometry.reference][0];
             (x - at[0]).powi(2) + (y - at[1]).powi(2)
         };
-        let inliers = self.measurement.correspondences.iter();
+        let inliers = self.inliers.iter();
         let nearest = inliers.min_by(|a, b| distance(a).total_cmp(&distance(b)));
         nearest.map_or(0.0, |inlier| {
             let starts: Vec<[f64; 2]> = inlier.views.iter().map(|view| view.start).collect();
@@ -235,26 +249,20 @@ impl CornerTracker<'_> {
         })
     }
 
-    /// Predicts the pixel now of a pixel at the keyframe.
-    fn predicted(&self, at: [f64; 2], inverse_depth: f64) -> [f64; 2] {
-        let geometry = self.matcher.geometry;
-        let reference = geometry.reference;
-        let from = geometry.normalise(reference, at);
-        let to = PointFlow::predicted(from, inverse_depth, self.measurement.displacement_mm);
-        geometry.pixel(reference, to)
-    }
-
     fn stays_in_view(&self, at: [f64; 2]) -> bool {
         let now = &self.matcher.now[self.matcher.geometry.reference].levels[0];
-        let predicted = self.predicted(at, self.inverse_depth_near(at));
-        FineTemplate::fits(now, predicted.map(|c| c as f32))
+        let predicted = self.motion.predicted(at, self.inverse_depth_near(at));
+        predicted.is_some_and(|to| FineTemplate::fits(now, to.map(|c| c as f32)))
     }
 
     /// Returns the distance of a pixel from the segment of predictions between the two depths, px.
     fn off_px(&self, corner: CellCorner, pixel: [f64; 2]) -> f64 {
-        let [far, near] = corner
+        let predictions = corner
             .inverse_depths
-            .map(|inverse_depth| self.predicted(corner.at, inverse_depth));
+            .map(|inverse_depth| self.motion.predicted(corner.at, inverse_depth));
+        let [Some(far), Some(near)] = predictions else {
+            return f64::INFINITY;
+        };
         let segment = [near[0] - far[0], near[1] - far[1]];
         let to = [pixel[0] - far[0], pixel[1] - far[1]];
         let square = segment[0] * segment[0] + segment[1] * segment[1];
@@ -265,25 +273,46 @@ impl CornerTracker<'_> {
 
     /// Returns true if the corner is found where the measurement predicts it.
     fn is_at_prediction(&self, corner: CellCorner) -> bool {
-        let [far, near] = corner.inverse_depths;
-        let start = self.predicted(corner.at, 0.5 * (far + near));
-        let found = self.track(corner, start);
-        found.is_some_and(|pixel| self.off_px(corner, pixel) <= MAX_OFF_PX)
+        let start = self.motion.predicted(corner.at, corner.inverse_depth());
+        start.is_some_and(|start| {
+            let mut found = self.track(corner, start);
+            found.any(|pixel| self.off_px(corner, pixel) <= MAX_OFF_PX)
+        })
     }
 
     /// Returns true if a corner that is not at its prediction is found anywhere else.
     fn is_elsewhere(&self, corner: CellCorner) -> bool {
-        let best = self.search.best_match(corner.at);
-        let start = best.filter(|(_, zncc)| *zncc > MIN_ELSEWHERE_ZNCC);
-        let found = start.and_then(|(start, _)| self.track(corner, start));
-        found.is_some_and(|pixel| self.off_px(corner, pixel) > MAX_OFF_PX)
+        let likely = self.motion.likely(corner.at).into_iter();
+        let mut likely = likely.filter(|(_, zncc)| *zncc > MIN_ELSEWHERE_ZNCC);
+        likely.any(|(start, _)| {
+            let mut found = self.track(corner, start);
+            found.any(|pixel| self.off_px(corner, pixel) > MAX_OFF_PX)
+        })
     }
 
-    /// Tracks a corner from `start` on and returns its pixel; `None` if nothing correlates.
-    fn track(&self, corner: CellCorner, start: [f64; 2]) -> Option<[f64; 2]> {
-        let [far, near] = corner.inverse_depths;
-        let (inverse_depth, moved) = (0.5 * (far + near), self.measurement.displacement_mm);
-        let found = (self.matcher).track_corner(LEVEL, corner.at, start, inverse_depth, moved);
-        found.and_then(|(pixel, zncc)| (zncc >= MIN_TRACKED_ZNCC).then_some(pixel))
+    /// Tracks a corner from `start` on and returns the pixels where its window correlates.
+    fn track(&self, corner: CellCorner, start: [f64; 2]) -> impl Iterator<Item = [f64; 2]> {
+        let found = (self.motion).track(LEVEL, corner.at, start, corner.inverse_depth());
+        let alike = found
+            .into_iter()
+            .filter(|(_, zncc)| *zncc >= MIN_TRACKED_ZNCC);
+        alike.map(|(pixel, _)| pixel)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn narrow_region_has_visible_cells() {
+        let grid = CellGrid::of([320, 240]);
+        let all = grid.places(|_| true).count();
+        assert_eq!(all, grid.rows * grid.columns);
+        // Narrower than a cell, and beside its centre.
+        let narrow = |[x, _]: [f64; 2]| (154.0..158.0).contains(&x);
+        let places: Vec<[f64; 2]> = grid.places(narrow).collect();
+        assert_eq!(places.len(), grid.rows, "{places:?}");
+        assert!(places.iter().all(|at| narrow(*at)));
     }
 }

@@ -3,11 +3,13 @@
 use super::accept::Tracking;
 use super::active_cameras::ActiveCameras;
 use super::camera_refusal::CameraRefusal;
+use super::corner_motion::DisplacedCorners;
 use super::coverage::InlierCoverage;
 use super::displacement_search::DisplacementSearch;
 use super::keyframe::{ActiveKeyframe, Keyframe};
 use super::measurement::RejectedPoint;
 use super::temporal::{RefinedDisplacement, TemporalMatcher};
+use super::tracks::Tracks;
 use super::{
     Correspondence, FilteredFrameSet, Flow, FlowRefusal, Measurement, PipelineStage, StageObserver,
 };
@@ -32,40 +34,38 @@ impl Flow {
         observer: &mut dyn StageObserver,
     ) -> Result<Measurement, FlowRefusal> {
         let keyframe = self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
+        let (mut measurement, refused_cameras) =
+            self.track_synchronised(keyframe, now, |active| self.track(active, now, observer))?;
+        measurement.refused_cameras = refused_cameras;
+        Ok(measurement)
+    }
+
+    /// Tracks the keyframe's points with the cameras that are not refused, and again without a
+    /// camera that is not synchronised. Returns the refused cameras, too.
+    pub(super) fn track_synchronised<M>(
+        &self,
+        keyframe: &Keyframe,
+        now: &FilteredFrameSet,
+        mut track: impl FnMut(&ActiveKeyframe<'_>) -> Result<Tracking<M>, FlowRefusal>,
+    ) -> Result<(M, Vec<(usize, CameraRefusal)>), FlowRefusal> {
         let mut refusals = keyframe.refusals(now);
         let Tracking {
             mut result,
             unsynchronised,
-        } = self.track_with(keyframe, &refusals, now, observer)?;
+        } = self.with_active(keyframe, &refusals, &mut track)?;
         // An unsynchronised camera is left out, and the others measure again.
         if let Some((camera, share)) = unsynchronised
             && let Some(refusal) = refusals.get_mut(camera)
         {
             *refusal = Some(CameraRefusal::Unsynchronised { share });
-            let without = self.track_with(keyframe, &refusals, now, observer);
+            let without = self.with_active(keyframe, &refusals, &mut track);
             // If both are refused, the refusal with all cameras is the more precise one.
             result = (without.and_then(|tracking| tracking.result))
                 .map_err(|refusal| result.err().unwrap_or(refusal));
         }
-        let mut measurement = result?;
         let refused = refusals.into_iter().enumerate();
-        measurement.refused_cameras = refused
-            .filter_map(|(k, refusal)| Some((k, refusal?)))
-            .collect();
-        Ok(measurement)
-    }
-
-    /// Tracks the keyframe's points with the cameras that are not refused.
-    fn track_with(
-        &self,
-        keyframe: &Keyframe,
-        refusals: &[Option<CameraRefusal>],
-        now: &FilteredFrameSet,
-        observer: &mut dyn StageObserver,
-    ) -> Result<Tracking, FlowRefusal> {
-        self.with_active(keyframe, refusals, |active| {
-            self.track(active, now, observer)
-        })
+        let refused = refused.filter_map(|(k, refusal)| Some((k, refusal?)));
+        Ok((result?, refused.collect()))
     }
 
     /// Calls `track` with the keyframe restricted to the cameras that are not refused.
@@ -148,54 +148,39 @@ impl Flow {
         observer.stage_done(PipelineStage::Search);
 
         // Lucas-Kanade at full resolution, every point in every camera.
-        let mut rejected = keyframe.rejected;
-        let mut tracked: Vec<Correspondence> = Vec::with_capacity(keyframe.matches.len());
         let matches: Vec<&StereoMatch> = keyframe.matches.iter().collect();
-        let mut rejected_points = Vec::new();
         let cameras = &keyframe.active.cameras;
         let track = |matched| {
             let point = matcher.track_point(matched, rough_mm);
-            (
-                matched,
-                point.and_then(|point| self.unmasked(cameras, point)),
-            )
+            point.and_then(|point| self.unmasked(cameras, point))
         };
-        for (matched, point) in self.thread_pool.map(matches, track) {
-            match point {
-                Ok(point) => tracked.push(point),
-                Err(reason) => {
-                    rejected.add(reason);
-                    let pixels = matcher.expected_pixels(matched, rough_mm);
-                    rejected_points.push(RejectedPoint { pixels, reason });
-                }
-            }
-        }
+        let tracked = self.thread_pool.map(matches, track);
+        let untracked = keyframe.matches.iter().zip(&tracked);
+        let rejected_points = untracked.filter_map(|(matched, point)| {
+            let reason = *point.as_ref().err()?;
+            let pixels = matcher.expected_pixels(matched, rough_mm);
+            Some(RejectedPoint { pixels, reason })
+        });
+        let rejected_points = rejected_points.collect();
+        let tracks = Tracks::of(keyframe, tracked);
         observer.stage_done(PipelineStage::Temporal);
 
         // Consensus and the tests of its inliers.
-        let least = self.settings.min_points;
-        let left_view = rejected.of(Reject::OutOfView) - keyframe.rejected.of(Reject::OutOfView);
-        let expected = keyframe.matches.len() - left_view;
-        let mut tracking = if tracked.len() < least {
-            Tracking::refused(FlowRefusal::FewTracks {
-                followed: tracked.len(),
-                matched: keyframe.matches.len(),
-                least,
-            })
-        } else {
-            self.accept(
-                keyframe.active,
-                tracked,
-                expected,
-                rough_mm,
-                rejected,
-                rejected_points,
-            )
+        let expected = tracks.expected;
+        let mut tracking = match tracks.enough(self.settings.min_points) {
+            Ok(()) => self.accept(keyframe.active, tracks, rough_mm, rejected_points),
+            Err(refusal) => Tracking::refused(refusal),
         };
         match &tracking.result {
             Ok(measurement) => {
+                let motion = DisplacedCorners {
+                    matcher: &matcher,
+                    search: &search,
+                    displacement_mm: measurement.displacement_mm,
+                };
+                let inliers = &measurement.correspondences;
                 let coverage =
-                    InlierCoverage::of(keyframe, &matcher, &search, measurement, &self.regions);
+                    InlierCoverage::of(keyframe, &matcher, &motion, inliers, &self.regions);
                 if let Err(refusal) = coverage.judge() {
                     tracking.result = Err(refusal);
                 }

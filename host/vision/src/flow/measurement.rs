@@ -63,10 +63,27 @@ pub struct Measurement {
     pub rejected: RejectCounts,
     /// Matched points of the keyframe that were left out, each with its place and reason.
     pub rejected_points: Vec<RejectedPoint>,
-    /// Displacement of the inliers by the midpoint model, mm.
+    /// Displacement of the inliers by the midpoint model, or of the pivot, mm.
     pub displacement_mm: [f64; 3],
     /// Inflation of the displacement's variance by correlated errors.
     pub variance_inflation: VarianceInflation,
+    /// Rotation, if it was estimated; the displacement is then that of the pivot.
+    pub turn: Option<TargetTurn>,
+}
+
+/// Rotation of the target since the keyframe, and the covariance of its pivot's displacement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TargetTurn {
+    /// Rotation vector about the cameras' axes, degrees.
+    pub rotation_deg: [f64; 3],
+    /// Standard deviation of the rotation about each axis, degrees.
+    pub rotation_sigma_deg: [f64; 3],
+    /// Point of the target at the keyframe whose displacement is measured, mm.
+    pub pivot_mm: [f64; 3],
+    /// Covariance of the pivot's displacement, mm².
+    pub covariance_mm2: [[f64; 3]; 3],
+    /// Standard deviation of one normalised coordinate, dimensionless.
+    pub sigma: f64,
 }
 
 impl Measurement {

@@ -23,6 +23,7 @@
 //! | search the displacement without a prior | [`displacement_search`] |
 //! | refine it, then track every point in every camera | [`temporal`] |
 //! | keep the inliers | [`consensus`], `accept` |
+//! | refuse inliers of several objects | `rigidity` |
 //! | inflate the variance for correlated errors | [`variance_inflation`] |
 //! | measure displacement and rotation instead | `turned` |
 //! | refuse a rotating target, leave out a skewed camera | [`rotation`], [`sync`] |
@@ -57,6 +58,7 @@ use crate::images::FrameSet;
 use crate::matching::geometry::RigGeometry;
 use crate::thread_pool::ThreadPool;
 use trinocular_core::rig::Rig;
+use trinocular_rig::pivot::Pivot;
 
 mod accept;
 pub mod active_cameras;
@@ -64,6 +66,7 @@ mod camera_refusal;
 #[cfg(test)]
 mod cloud;
 pub mod consensus;
+mod corner_motion;
 mod coverage;
 pub mod displacement_search;
 
@@ -76,11 +79,13 @@ pub mod mistake;
 mod pyramid_pool;
 mod refusal;
 pub mod region;
+mod rigidity;
 pub mod rotation;
 mod settings;
 mod stage;
 pub mod sync;
 pub mod temporal;
+mod tracks;
 mod turned;
 pub mod variance_inflation;
 
@@ -88,7 +93,7 @@ pub use camera_refusal::{CameraRefusal, remarks};
 pub use filter::FilteredFrameSet;
 use frozen::FrozenCameras;
 use keyframe::Keyframe;
-pub use measurement::{Correspondence, Measurement, RejectedPoint};
+pub use measurement::{Correspondence, Measurement, RejectedPoint, TargetTurn};
 use pyramid_pool::PyramidPool;
 pub use refusal::FlowRefusal;
 use region::Regions;
@@ -106,6 +111,7 @@ pub struct Flow {
     geometry: RigGeometry,
     settings: FlowSettings,
     regions: Regions,
+    pivot: Option<Pivot>,
     keyframe: Option<Keyframe>,
     frozen_cameras: FrozenCameras,
     pyramid_pool: PyramidPool,
@@ -123,6 +129,7 @@ impl Flow {
             thread_pool: ThreadPool::new(settings.threads),
             settings,
             regions: Regions::default(),
+            pivot: None,
             keyframe: None,
             frozen_cameras: FrozenCameras::default(),
             pyramid_pool: PyramidPool::default(),
@@ -138,6 +145,12 @@ impl Flow {
     /// keyframe, masks at the next measurement.
     pub fn set_regions(&mut self, regions: Regions) {
         self.regions = regions;
+    }
+
+    /// Lets [`Flow::measure_target`] estimate the rotation of the target and the displacement of
+    /// this point; with `None`, a target that turns is refused.
+    pub fn set_pivot(&mut self, pivot: Option<Pivot>) {
+        self.pivot = pivot;
     }
 
     /// Makes `frame_set` the keyframe of all later measurements.
@@ -180,6 +193,21 @@ impl Flow {
     /// ```
     pub fn measure(&mut self, frame_set: &FrameSet) -> Result<Measurement, FlowRefusal> {
         self.measure_observed(frame_set, &mut ())
+    }
+
+    /// Measures the displacement of the target, or of the pivot of a target that may turn, as
+    /// [`Flow::set_pivot`] decides.
+    ///
+    /// # Errors
+    /// [`FlowRefusal`] if the displacement cannot be measured; the keyframe stays.
+    pub fn measure_target(&mut self, frame_set: &FrameSet) -> Result<Measurement, FlowRefusal> {
+        let Some(pivot) = self.pivot else {
+            return self.measure(frame_set);
+        };
+        let measured = self.measure_pose(frame_set)?;
+        // There is a keyframe, or the pose would be refused.
+        let centroid_mm = self.keyframe_centroid_mm().unwrap_or_default();
+        Ok(measured.of_pivot(pivot.place_mm(centroid_mm)))
     }
 
     /// Does the same as [`Flow::measure`], with an observer of the pipeline's stages.

@@ -1,11 +1,11 @@
 //! Synchronisation of the cameras: finds a camera whose images are of another instant.
 //!
-//! A camera whose shutter opens later sees a moving target further on, at all points alike: its
-//! mean residual `m_k` is parallel to the mean flow `u`. The displacement fitted to all `K` cameras
-//! absorbs `1/K` of it, so
+//! A camera whose shutter opens later sees a moving target further on: its residuals `r_ik` are
+//! parallel to the flow `u_i` of their points, which is nearly the same for all points if the
+//! target does not turn. The motion fitted to all `K` cameras absorbs `1/K` of it, so
 //!
 //! ```text
-//! share_k = K/(K-1) m_k·u / |u|²         of the motion between the two instants
+//! share_k = K/(K-1) Σ r_ik·u_i / Σ |u_i|²         of the motion between the two instants
 //! ```
 //!
 //! A wrong focal length or a camera that is not exactly where the rig file says has the same
@@ -20,6 +20,7 @@
 use super::Correspondence;
 use super::active_cameras::ActiveCameras;
 use crate::matching::geometry::RigGeometry;
+use trinocular_core::sums::View;
 
 /// Least deviation that is tested, px.
 const MIN_DEVIATION_PX: f64 = 0.03;
@@ -41,50 +42,65 @@ pub struct UnsynchronisedCamera {
 }
 
 impl UnsynchronisedCamera {
-    /// Finds the camera with the largest significant excess of motion. It takes three cameras: of
-    /// two, either could be wrong. `factor` is the variance inflation factor of the inliers.
+    /// Finds the camera with the largest significant excess of motion, for a target that does not
+    /// turn. `factor` is the variance inflation factor of the inliers.
     pub fn find(
         geometry: &RigGeometry,
         inliers: &[Correspondence],
         displacement_mm: [f64; 3],
         factor: f64,
     ) -> Option<Self> {
-        let cameras = geometry.cameras();
+        let residuals = |inlier: &Correspondence| -> Option<Vec<[f64; 2]>> {
+            let fit = geometry.arms.point(&inlier.views)?;
+            let residual = |(k, view): (usize, &View)| {
+                let (seen, expected) = (view.flow(), fit.flow(k, displacement_mm));
+                [0, 1].map(|axis| seen[axis] - expected[axis])
+            };
+            Some(inlier.views.iter().enumerate().map(residual).collect())
+        };
+        let residuals = inliers.iter().map(residuals).collect::<Option<Vec<_>>>()?;
+        // All points move nearly alike, and their mean has less noise.
         let count = inliers.len() as f64;
-        if cameras < 3 || inliers.is_empty() {
+        let flows = inliers.iter().map(mean_flow);
+        let mean = flows.fold([0.0; 2], |sum, u| [0, 1].map(|i| sum[i] + u[i] / count));
+        Self::of_residuals(&residuals, &vec![mean; inliers.len()], factor, geometry)
+    }
+
+    /// Finds the camera with the largest significant excess of motion. `residuals` are those of
+    /// every point in each camera against the motion that all cameras agree on, `flows` the motion
+    /// of every point, both normalised. It takes three cameras: of two, either could be wrong.
+    pub(super) fn of_residuals(
+        residuals: &[Vec<[f64; 2]>],
+        flows: &[[f64; 2]],
+        factor: f64,
+        geometry: &RigGeometry,
+    ) -> Option<Self> {
+        let cameras = geometry.cameras();
+        let count = residuals.len() as f64;
+        if cameras < 3 || residuals.is_empty() {
             return None;
         }
 
-        // Mean residual m_k of every camera, mean flow u, and the sum of squared residuals.
-        let mut means = vec![[0.0; 2]; cameras];
-        let mut flow = [0.0; 2];
-        let mut squares = 0.0;
-        for inlier in inliers {
-            let fit = geometry.arms.point(&inlier.views)?;
-            for (k, view) in inlier.views.iter().enumerate() {
-                let (seen, expected) = (view.flow(), fit.flow(k, displacement_mm));
-                for axis in 0..2 {
-                    let residual = seen[axis] - expected[axis];
-                    means[k][axis] += residual / count;
-                    flow[axis] += seen[axis] / (count * cameras as f64);
-                    squares += residual * residual;
-                }
+        // Share of the motion in every camera's residuals, and the sum of squared residuals.
+        let mut along = vec![0.0; cameras];
+        let (mut squares, mut motion) = (0.0, 0.0);
+        for (residuals, u) in residuals.iter().zip(flows) {
+            motion += (u[0] * u[0] + u[1] * u[1]) / count;
+            for (k, r) in residuals.iter().enumerate() {
+                along[k] += (r[0] * u[0] + r[1] * u[1]) / count;
+                squares += r[0] * r[0] + r[1] * r[1];
             }
         }
 
-        // Excess of each camera along the flow: K/(K-1) m_k·u/|u|.
-        let size = flow[0].hypot(flow[1]);
+        // Excess of each camera along the flow: K/(K-1) mean(r_k·u)/|u|.
+        let size = motion.sqrt();
         let all = cameras as f64 / (cameras as f64 - 1.0);
-        let excess = |mean: &[f64; 2]| all * (mean[0] * flow[0] + mean[1] * flow[1]) / size;
-        let deviations: Vec<f64> = means.iter().map(excess).collect();
+        let deviations: Vec<f64> = along.iter().map(|mean| all * mean / size).collect();
         let (worst, deviation) = (deviations.iter().copied().enumerate())
             .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
 
-        // Significance: the scatter that remains without each camera's own mean.
-        let explained: f64 = means
-            .iter()
-            .map(|m| count * (m[0] * m[0] + m[1] * m[1]))
-            .sum();
+        // Significance: the scatter that remains without each camera's own excess.
+        let explained: f64 = deviations.iter().map(|d| count * (d / all).powi(2)).sum();
         let scatter = (squares - explained).max(0.0) / (2.0 * count * cameras as f64);
         let sigma = (factor * scatter * all / count).sqrt();
         let is_significant = deviation.abs() > MIN_SIGMAS * sigma
@@ -109,6 +125,15 @@ impl UnsynchronisedCamera {
     pub(super) fn in_rig(&self, active: &ActiveCameras) -> Option<(usize, f64)> {
         Some((*active.cameras.get(self.index)?, self.share))
     }
+}
+
+/// Returns the mean over the cameras of a point's flow, normalised.
+pub(super) fn mean_flow(point: &Correspondence) -> [f64; 2] {
+    let count = point.views.len() as f64;
+    let flows = point.views.iter().map(View::flow);
+    flows.fold([0.0; 2], |sum, flow| {
+        [0, 1].map(|i| sum[i] + flow[i] / count)
+    })
 }
 
 #[cfg(test)]

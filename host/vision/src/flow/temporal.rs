@@ -190,6 +190,30 @@ impl TemporalMatcher<'_> {
         Some((found.at.map(|c| f64::from(c) * scale), found.zncc))
     }
 
+    /// Tracks a corner of the reference camera at `level` as [`Self::track_corner`] does, with the
+    /// window of a turned surface. `warp` takes offsets in the image now to offsets in the
+    /// keyframe's image, at full resolution.
+    pub(super) fn track_turned_corner(
+        &self,
+        level: usize,
+        at: [f64; 2],
+        start: [f64; 2],
+        warp: &PlaneWarp,
+    ) -> Option<([f64; 2], f32)> {
+        let k = self.geometry.reference;
+        let scale = (1 << level) as f64;
+        let on_level = |pixel: [f64; 2]| pixel.map(|c| (c / scale) as f32);
+        let [before, now] = [self.before, self.now].map(|p| p[k].levels.get(level));
+        let warp = PlaneWarp {
+            shrink: warp.shrink.map(|s| s * scale as f32),
+            ..*warp
+        };
+        let template = CoarseTemplate::turned(before?, on_level(at), &warp)?;
+        let still = [[1.0, 0.0], [0.0, 1.0]];
+        let found = template.find(now?, on_level(start), still, MAX_STEPS)?;
+        Some((found.at.map(|c| f64::from(c) * scale), found.zncc))
+    }
+
     /// Tracks the window of the keyframe at `at` in camera `k` from `to` on, at full resolution.
     /// `warp` takes offsets in the image now to offsets in the keyframe's image.
     pub(super) fn track_turned(

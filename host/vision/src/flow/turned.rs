@@ -12,39 +12,44 @@
 //!
 //! The covariance of the pose is inflated for windows that overlap, as that of a displacement.
 
+mod accept;
 mod consensus;
+mod corners;
 mod predictor;
+mod search;
 
-use super::active_cameras::{self, ActiveCameras};
+use super::accept::Tracking;
+use super::active_cameras;
 use super::camera_refusal::{self, CameraRefusal};
-use super::displacement_search::DisplacementSearch;
+use super::coverage::InlierCoverage;
 use super::keyframe::ActiveKeyframe;
+use super::sync::UnsynchronisedCamera;
 use super::temporal::TemporalMatcher;
+use super::tracks::Tracks;
 use super::variance_inflation::VarianceInflation;
-use super::{Correspondence, FilteredFrameSet, Flow, FlowRefusal};
+use super::{Correspondence, FilteredFrameSet, Flow, FlowRefusal, Measurement, TargetTurn};
 use crate::images::FrameSet;
-use crate::matching::geometry::RigGeometry;
-use crate::matching::pyramid::Pyramid;
+use crate::matching::RejectCounts;
 use crate::matching::stereo::StereoMatch;
 use crate::matching::zncc::ZnccPlane;
-use crate::matching::{Reject, RejectCounts};
 use crate::rigid;
 use consensus::{RigidConsensus, rigid_consensus};
+use corners::PosedCorners;
 use nalgebra::Vector3;
 use predictor::{Predictor, Surface};
-use trinocular_core::estimate::pose::{Estimate, Observation};
+use trinocular_core::estimate::pose::Estimate;
 use trinocular_core::rig::Rig;
-use trinocular_core::sums::View;
 
 /// Rounds of tracking with turned windows.
 const ROUNDS: usize = 2;
-/// Step of the angles about z that are tried, degrees: the search bears half of it.
-const TURN_DEG: f64 = 2.0;
-/// Number of steps in either direction.
-const TURNS: u32 = 8;
 /// Least limit of an inlier's residual in the first consensus, px: windows that are not turned yet
 /// are followed less well.
 const ROUGH_INLIER_PX: f64 = 0.5;
+/// Distance beyond which a point counts as simply wrong in the first consensus, px. With a larger
+/// one, a blend of two objects would be nearer to all points than the pose of either.
+const ROUGH_FAR_PX: f64 = 2.0;
+/// The same in a consensus of turned windows.
+const FAR_PX: f64 = 0.5;
 
 /// Displacement and rotation of the target since the keyframe, and its points.
 #[derive(Clone, Debug)]
@@ -59,12 +64,36 @@ pub struct PoseMeasurement {
     pub refused_cameras: Vec<(usize, CameraRefusal)>,
     /// Number of points left out, by reason; those of the keyframe included.
     pub rejected: RejectCounts,
+    /// Inflation of the variances by correlated errors.
+    pub variance_inflation: VarianceInflation,
 }
 
 impl PoseMeasurement {
     /// Returns the rig of the active cameras, given the whole rig.
     pub fn rig(&self, whole: &Rig) -> Rig {
         active_cameras::subset(whole, &self.cameras)
+    }
+
+    /// Returns the measurement as the displacement of the target's point that was at `pivot_mm` at
+    /// the keyframe.
+    pub(super) fn of_pivot(self, pivot_mm: [f64; 3]) -> Measurement {
+        let there = self.pose.displacement_of(pivot_mm);
+        Measurement {
+            correspondences: self.correspondences,
+            cameras: self.cameras,
+            refused_cameras: self.refused_cameras,
+            rejected: self.rejected,
+            rejected_points: Vec::new(),
+            displacement_mm: there.displacement_mm,
+            variance_inflation: self.variance_inflation,
+            turn: Some(TargetTurn {
+                rotation_deg: self.pose.rotation_deg(),
+                rotation_sigma_deg: self.pose.rotation_sigma_deg(),
+                pivot_mm,
+                covariance_mm2: there.covariance_mm2,
+                sigma: self.pose.sigma,
+            }),
+        }
     }
 
     /// Describes each refused camera in a sentence, given the names of all cameras.
@@ -75,9 +104,6 @@ impl PoseMeasurement {
 
 impl Flow {
     /// Measures displacement and rotation of the target from the keyframe to `frame_set`.
-    ///
-    /// In contrast to [`Flow::measure`] it finds neither a camera that is late nor a target that is
-    /// the smaller part of what moves: the inliers need not cover the image.
     ///
     /// # Errors
     /// [`FlowRefusal`] if the pose cannot be measured; the keyframe stays.
@@ -113,21 +139,22 @@ impl Flow {
         now: &FilteredFrameSet,
     ) -> Result<PoseMeasurement, FlowRefusal> {
         let keyframe = self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
-        let refusals = keyframe.refusals(now);
-        let mut measurement =
-            self.with_active(keyframe, &refusals, |active| self.track_pose(active, now))?;
-        let refused = refusals.into_iter().enumerate();
-        measurement.refused_cameras = refused
-            .filter_map(|(k, refusal)| Some((k, refusal?)))
-            .collect();
+        let (mut measurement, refused_cameras) =
+            self.track_synchronised(keyframe, now, |active| self.track_pose(active, now))?;
+        measurement.refused_cameras = refused_cameras;
         Ok(measurement)
     }
 
+    /// Tracks the keyframe's points into the frame set `now`. The result also names a camera that
+    /// is not synchronised with the others.
+    ///
+    /// # Errors
+    /// [`FlowRefusal`] for reasons that no single camera can cause.
     fn track_pose(
         &self,
         keyframe: &ActiveKeyframe<'_>,
         now: &FilteredFrameSet,
-    ) -> Result<PoseMeasurement, FlowRefusal> {
+    ) -> Result<Tracking<PoseMeasurement>, FlowRefusal> {
         let select = |pyramids| keyframe.active.select(pyramids);
         let (before, now) = (select(keyframe.pyramids), select(&now.pyramids));
         let geometry = &keyframe.active.geometry;
@@ -139,10 +166,54 @@ impl Flow {
             thread_pool: &self.thread_pool,
         };
         let rough = self.rough_pose(keyframe, &matcher)?;
-        let matches: Vec<&StereoMatch> = keyframe.matches.iter().collect();
-
-        // Windows turned by the pose so far, and the pose that most points agree on.
         let surface = Surface::of(keyframe.matches);
+        let mut tracking = match self.refined(keyframe, &matcher, surface, &rough.pose) {
+            Ok((tracks, found)) => self.accept_pose(keyframe.active, tracks, &found),
+            Err(refusal) => Tracking::refused(refusal),
+        };
+        match &tracking.result {
+            Ok(measurement) => {
+                let coarse = ZnccPlane::new(&now[geometry.reference].levels[self.temporal_level()]);
+                let motion = PosedCorners {
+                    matcher: &matcher,
+                    predictor: Predictor {
+                        geometry,
+                        pose: &measurement.pose,
+                        surface,
+                    },
+                    searches: [
+                        (self.search(keyframe, &coarse), 0.0),
+                        (self.search(keyframe, &rough.coarse), rough.turn_rad),
+                    ],
+                };
+                let inliers = &measurement.correspondences;
+                let coverage =
+                    InlierCoverage::of(keyframe, &matcher, &motion, inliers, &self.regions);
+                if let Err(refusal) = coverage.judge() {
+                    tracking.result = Err(refusal);
+                }
+            }
+            // An unsynchronised camera may have spoiled every point.
+            Err(FlowRefusal::FewTracks { .. } | FlowRefusal::NoAgreement { .. }) => {
+                tracking.unsynchronised =
+                    self.find_unsynchronised_turned(keyframe, &matcher, surface, &rough.pose);
+            }
+            Err(_) => {}
+        }
+        Ok(tracking)
+    }
+
+    /// Tracks all points with windows turned by the pose so far and finds the pose that most of
+    /// them agree on, from the rough pose on.
+    fn refined(
+        &self,
+        keyframe: &ActiveKeyframe<'_>,
+        matcher: &TemporalMatcher<'_>,
+        surface: Surface,
+        rough: &Estimate,
+    ) -> Result<(Tracks, RigidConsensus), FlowRefusal> {
+        let geometry = matcher.geometry;
+        let least = self.settings.min_points;
         let track_all = |pose: &Estimate| {
             let predictor = Predictor {
                 geometry,
@@ -150,212 +221,59 @@ impl Flow {
                 surface,
             };
             let track = |matched: &StereoMatch| {
-                let point = predictor.track(&matcher, matched)?;
+                let point = predictor.track(matcher, matched)?;
                 self.unmasked(&keyframe.active.cameras, point)
             };
-            Tracks::of(keyframe, self.thread_pool.map(matches.clone(), track))
+            let matches = keyframe.matches.iter().collect();
+            let tracks = Tracks::of(keyframe, self.thread_pool.map(matches, track));
+            tracks.enough(least)?;
+            Ok(tracks)
         };
-        let mut tracks = track_all(&rough);
-        self.enough(keyframe, &tracks)?;
-        let start = rigid::motion(&geometry.arms, &tracks.observed(geometry));
-        let mut found = start
-            .and_then(|start| rigid_consensus(geometry, &tracks, start, ROUGH_INLIER_PX))
-            .ok_or_else(|| tracks.no_agreement(keyframe, 0, f64::NAN))?;
+        let mut tracks = track_all(rough)?;
+        let agreed = |tracks: &Tracks, far_px: f64, least_px: f64| {
+            let far = far_px / geometry.focal_px;
+            let start = rigid::motion(&geometry.arms, &tracks.observed(geometry), far);
+            start
+                .and_then(|start| rigid_consensus(geometry, tracks, start, least_px))
+                .ok_or_else(|| tracks.no_agreement(0, f64::NAN))
+        };
+        let mut found = agreed(&tracks, ROUGH_FAR_PX, ROUGH_INLIER_PX)?;
         for _ in 0..ROUNDS {
-            tracks = track_all(&found.model);
-            self.enough(keyframe, &tracks)?;
-            found = rigid_consensus(geometry, &tracks, found.model, self.settings.min_inlier_px)
-                .ok_or_else(|| tracks.no_agreement(keyframe, 0, f64::NAN))?;
+            tracks = track_all(&found.model)?;
+            found = agreed(&tracks, FAR_PX, self.settings.min_inlier_px)?;
         }
-        let agree = found.count();
-        if agree < self.settings.min_points
-            || 2 * agree < tracks.expected(keyframe)
-            || found.median_px > self.settings.max_median_residual_px
-        {
-            return Err(tracks.no_agreement(keyframe, agree, found.median_px));
-        }
-        Ok(accepted(keyframe.active, tracks, &found))
+        Ok((tracks, found))
     }
 
-    /// Finds displacement and rotation about z roughly.
-    ///
-    /// The displacement is searched in the image of the reference camera, which is turned back by
-    /// one angle after another. Rotations about x and y change the image less, so that the search
-    /// needs no prior for them.
-    ///
-    /// # Errors
-    /// [`FlowRefusal::Lost`] if no angle explains the images, or the refusal at the first angle
-    /// that does.
-    fn rough_pose(
+    /// Finds an unsynchronised camera that keeps points from agreeing, as
+    /// [`Flow::find_unsynchronised`] does for a target that does not turn.
+    fn find_unsynchronised_turned(
         &self,
         keyframe: &ActiveKeyframe<'_>,
         matcher: &TemporalMatcher<'_>,
-    ) -> Result<Estimate, FlowRefusal> {
+        surface: Surface,
+        rough: &Estimate,
+    ) -> Option<(usize, f64)> {
         let geometry = matcher.geometry;
-        let level = self.temporal_level();
-        let reference = geometry.reference;
-        let mut lost = FlowRefusal::Lost { zncc: 0.0 };
-        for step in 0..=2 * TURNS {
-            // 0, 1, -1, 2, -2 ...
-            let turn =
-                f64::from(step.div_ceil(2)) * if step % 2 == 1 { TURN_DEG } else { -TURN_DEG };
-            let turned;
-            let mut now = matcher.now.to_vec();
-            if step > 0 {
-                turned = turned_back(geometry, matcher.now[reference], turn.to_radians());
-                now[reference] = &turned;
-            }
-            let matcher = TemporalMatcher {
-                now: &now,
-                ..*matcher
-            };
-            let coarse = ZnccPlane::new(&now[reference].levels[level]);
-            let [width, _] = coarse.size();
-            let search = DisplacementSearch {
-                geometry,
-                before: keyframe.coarse,
-                now: &coarse,
-                scale: (1 << level) as f64,
-                range: (self.settings.search_range * width as f64).ceil() as usize,
-                thread_pool: &self.thread_pool,
-            };
-            match self.rough_displacement(keyframe, &matcher, &search) {
-                Ok(moved) => return Ok(about_axis(geometry, turn.to_radians(), moved)),
-                Err(FlowRefusal::Lost { zncc }) if step == 0 => lost = FlowRefusal::Lost { zncc },
-                Err(FlowRefusal::Lost { .. }) => {}
-                Err(refusal) => return Err(refusal),
-            }
-        }
-        Err(lost)
-    }
-
-    /// Refuses too few tracks.
-    fn enough(&self, keyframe: &ActiveKeyframe<'_>, tracks: &Tracks) -> Result<(), FlowRefusal> {
-        let (followed, least) = (tracks.points.len(), self.settings.min_points);
-        if followed >= least {
-            return Ok(());
-        }
-        Err(FlowRefusal::FewTracks {
-            followed,
-            matched: keyframe.matches.len(),
-            least,
-        })
-    }
-}
-
-/// Returns the pose of a displacement that is then turned about the axis of the reference camera.
-fn about_axis(geometry: &RigGeometry, radians: f64, moved_mm: [f64; 3]) -> Estimate {
-    let [x, y] = geometry.rig.cameras[geometry.reference].offset_mm;
-    let pivot = [x - moved_mm[0], y - moved_mm[1], -moved_mm[2]];
-    Estimate::exact([0.0, 0.0, (0.5 * radians).tan()], pivot, moved_mm)
-}
-
-/// Returns the pyramid of the reference camera, turned back about its axis. Places that the image
-/// does not show are as its border.
-fn turned_back(geometry: &RigGeometry, pyramid: &Pyramid, radians: f64) -> Pyramid {
-    let (sine, cosine) = radians.sin_cos();
-    let k = geometry.reference;
-    let mut turned = pyramid.clone();
-    // Displacements are not searched at full resolution.
-    for (level, (plane, from)) in turned
-        .levels
-        .iter_mut()
-        .zip(&pyramid.levels)
-        .enumerate()
-        .skip(1)
-    {
-        let scale = f64::from(1u32 << level);
-        for row in 0..from.height {
-            for column in 0..from.width {
-                let pixel = [column as f64 * scale, row as f64 * scale];
-                let [x, y] = geometry.normalise(k, pixel);
-                let place = [cosine * x - sine * y, sine * x + cosine * y];
-                let place = geometry.pixel(k, place).map(|p| (p / scale) as f32);
-                plane.grey[row * from.stride + column] = from.between(place);
-            }
-            let last = plane.grey[row * from.stride + from.width - 1];
-            plane.grey[row * from.stride + from.width..(row + 1) * from.stride].fill(last);
-        }
-    }
-    turned
-}
-
-/// Returns the measurement of the inliers, with the inflated covariance.
-fn accepted(active: &ActiveCameras, tracks: Tracks, found: &RigidConsensus) -> PoseMeasurement {
-    let geometry = &active.geometry;
-    let mut rejected = tracks.rejected;
-    for _ in found.outliers_of(&tracks.points) {
-        rejected.add(Reject::Outlier);
-    }
-    let inliers = found.inliers_of(tracks.points);
-    let inflation = VarianceInflation::of_residuals(geometry, &inliers, 6.0, |inlier| {
-        let observed = Observation::new(&geometry.arms, &inlier.views)?;
-        let [alpha, beta, rho] = observed.start;
-        let expected = found.model.moved(&geometry.arms, observed.start)?;
-        let arms = geometry.arms.arms_mm().iter().zip(&inlier.views);
-        let residual = move |(arm, view): (&[f64; 2], &View)| {
-            let flow = view.flow();
-            let start = [alpha - arm[0] * rho, beta - arm[1] * rho];
-            let end = [
-                expected[0] - arm[0] * expected[2],
-                expected[1] - arm[1] * expected[2],
-            ];
-            [0, 1].map(|axis| flow[axis] - (end[axis] - start[axis]))
+        let predictor = Predictor {
+            geometry,
+            pose: rough,
+            surface,
         };
-        Some(arms.map(residual))
-    });
-    PoseMeasurement {
-        pose: found.model.inflated(inflation.of_windows),
-        correspondences: inliers,
-        cameras: active.cameras.clone(),
-        refused_cameras: Vec::new(),
-        rejected,
-    }
-}
-
-/// Points that were tracked, and the numbers of those that were not.
-struct Tracks {
-    points: Vec<Correspondence>,
-    rejected: RejectCounts,
-}
-
-impl Tracks {
-    fn of(keyframe: &ActiveKeyframe<'_>, all: Vec<Result<Correspondence, Reject>>) -> Self {
-        let mut tracks = Self {
-            points: Vec::with_capacity(all.len()),
-            rejected: keyframe.rejected,
-        };
-        for point in all {
-            match point {
-                Ok(point) => tracks.points.push(point),
-                Err(reason) => tracks.rejected.add(reason),
-            }
+        let track = |matched: &StereoMatch| predictor.track_per_camera(matcher, matched);
+        let matches = keyframe.matches.iter().collect();
+        let tracks = Tracks::of(keyframe, self.thread_pool.map(matches, track));
+        let far = ROUGH_FAR_PX / geometry.focal_px;
+        let start = rigid::motion(&geometry.arms, &tracks.observed(geometry), far)?;
+        let found = rigid_consensus(geometry, &tracks, start, self.settings.min_inlier_px)?;
+        if found.count() < self.settings.min_points || 2 * found.count() < tracks.expected {
+            return None;
         }
-        tracks
-    }
-
-    fn observed(&self, geometry: &RigGeometry) -> Vec<Observation> {
-        let observe = |point: &Correspondence| Observation::new(&geometry.arms, &point.views);
-        self.points.iter().filter_map(observe).collect()
-    }
-
-    /// Returns the number of matched points that are in view now.
-    fn expected(&self, keyframe: &ActiveKeyframe<'_>) -> usize {
-        let before = keyframe.rejected.of(Reject::OutOfView);
-        keyframe.matches.len() - (self.rejected.of(Reject::OutOfView) - before)
-    }
-
-    fn no_agreement(
-        &self,
-        keyframe: &ActiveKeyframe<'_>,
-        agree: usize,
-        median_px: f64,
-    ) -> FlowRefusal {
-        FlowRefusal::NoAgreement {
-            agree,
-            expected: self.expected(keyframe),
-            median_px,
-        }
+        let inliers = found.inliers_of(tracks.points);
+        let factor = accept::inflation(geometry, &inliers, &found.model).factor;
+        let camera = accept::unsynchronised(geometry, &inliers, &found.model, factor)?;
+        let camera = Some(camera).filter(UnsynchronisedCamera::is_unsynchronised)?;
+        camera.in_rig(keyframe.active)
     }
 }
 

@@ -5,6 +5,10 @@
 //! (iteratively reweighted least squares), so that a few wrong rows hardly change it. If the points
 //! turn, the motion is that of a rigid target instead ([`crate::rigid`]). A row is doubtful if its
 //! pixels are farther from the fit than [`DOUBTFUL`] times the typical distance.
+//!
+//! A rotation turns the error of a point's depth into the image: the noise is then larger along one
+//! direction, and more so for points that are far away. Along that direction, distances after a
+//! rotation are therefore divided by the spread of the noise.
 
 use std::path::Path;
 
@@ -27,8 +31,13 @@ const NOISE_PX: f64 = 0.05;
 const MEDIAN_LENGTH: f64 = 1.177;
 /// Least number of points: fewer cannot contradict one of them.
 const LEAST_POINTS: usize = 4;
+/// Distance beyond which a point counts as simply wrong in the search of a motion, in normalised
+/// coordinates.
+const FAR: f64 = 0.02;
 /// Passes of the reweighted fit.
 const PASSES: usize = 15;
+/// Noise for which the effect of a wrong depth is computed, px: small enough to be linear.
+const SMALL_PX: f64 = 0.01;
 /// Share of the typical misfit that a rotation must leave to be the better explanation.
 const TURNED: f64 = 0.5;
 
@@ -55,11 +64,13 @@ struct Placed<'a> {
     rays: Vec<[f64; 2]>,
 }
 
-/// Misfit of a row: its largest coordinate's index in the header, and the distance, px.
+/// Misfit of a row: its largest coordinate's index in the header, the distance, px, and the
+/// distance with noise that is alike in all directions.
 #[derive(Clone, Copy, Default)]
 struct Misfit {
     column: usize,
     px: f64,
+    alike_px: f64,
 }
 
 /// Returns a message for every row that does not fit the others.
@@ -84,11 +95,17 @@ pub fn doubts(file: &Path, rig: &RigFile, points: &[Vec<Sighting>]) -> Vec<Input
     if points.len() < LEAST_POINTS {
         return Vec::new();
     }
+    let Ok(geometry) = Geometry::new(&rig.rig) else {
+        return Vec::new();
+    };
+    let per_px = 1.0 / (rig.rig.mean_focal_px() * geometry.arms_squared_mm2().sqrt());
     let typical = |motion: &Motion| {
         let mut lengths: Vec<f64> = (points.iter())
             .flat_map(|point| {
                 let rows = cameras.iter().zip(point.rows);
-                rows.map(|(camera, row)| misfit(camera, row, point.position, motion).px)
+                rows.map(|(camera, row)| {
+                    misfit(camera, row, (point.position, per_px), motion).alike_px
+                })
             })
             .collect();
         lengths.sort_by(f64::total_cmp);
@@ -97,7 +114,7 @@ pub fn doubts(file: &Path, rig: &RigFile, points: &[Vec<Sighting>]) -> Vec<Input
     let mut motion = Motion::Displacement(displacement(cameras, &points));
     let mut typical_px = typical(&motion);
     if typical_px > NOISE_PX
-        && let Some(pose) = rigid_motion(cameras, rig, &points)
+        && let Some(pose) = rigid_motion(&geometry, cameras, &points)
     {
         let turned = Motion::Rigid(Box::new(pose));
         let turned_px = typical(&turned);
@@ -106,19 +123,19 @@ pub fn doubts(file: &Path, rig: &RigFile, points: &[Vec<Sighting>]) -> Vec<Input
         }
     }
     let misfit = |rows: &[Sighting], position, camera: usize| {
-        misfit(&cameras[camera], &rows[camera], position, &motion)
+        misfit(&cameras[camera], &rows[camera], (position, per_px), &motion)
     };
     let limit_px = DOUBTFUL * typical_px;
     let mut doubts = Vec::new();
     for point in &points {
         let worst = |position, of: &[usize]| {
             let misfits = of.iter().map(|k| (*k, misfit(point.rows, position, *k)));
-            misfits.max_by(|(_, a), (_, b)| a.px.total_cmp(&b.px))
+            misfits.max_by(|(_, a), (_, b)| a.alike_px.total_cmp(&b.alike_px))
         };
         let Some((mut camera, mut found)) = worst(point.position, &all) else {
             continue;
         };
-        if found.px <= limit_px {
+        if found.alike_px <= limit_px {
             continue;
         }
         // The wrong row is the one without which the others agree best.
@@ -128,7 +145,7 @@ pub fn doubts(file: &Path, rig: &RigFile, points: &[Vec<Sighting>]) -> Vec<Input
             let Some(position) = placed(point.rows, &others) else {
                 continue;
             };
-            let rest_px = worst(position, &others).map_or(0.0, |(_, rest)| rest.px);
+            let rest_px = worst(position, &others).map_or(0.0, |(_, rest)| rest.alike_px);
             if rest_px < least_px {
                 least_px = rest_px;
                 (camera, found) = (*out, misfit(point.rows, position, *out));
@@ -149,20 +166,19 @@ pub fn doubts(file: &Path, rig: &RigFile, points: &[Vec<Sighting>]) -> Vec<Input
 
 /// Fits one motion of all points as a rigid target.
 fn rigid_motion(
+    geometry: &Geometry,
     cameras: &[Camera],
-    rig: &RigFile,
     points: &[Placed<'_>],
 ) -> Option<pose::Estimate> {
-    let geometry = Geometry::new(&rig.rig).ok()?;
     let observe = |point: &Placed<'_>| {
         let rows = cameras.iter().zip(point.rows);
         let view = |(camera, row): (&Camera, &Sighting)| {
             View::from_pixels(camera, row.pixels[0], row.pixels[1])
         };
-        Observation::new(&geometry, &rows.map(view).collect::<Vec<_>>())
+        Observation::new(geometry, &rows.map(view).collect::<Vec<_>>())
     };
     let observed: Vec<Observation> = points.iter().filter_map(observe).collect();
-    rigid::motion(&geometry, &observed)
+    rigid::motion(geometry, &observed, FAR)
 }
 
 /// Returns the position of a point at the keyframe, from the cameras in `used`; none if it is not
@@ -227,19 +243,39 @@ fn displacement(cameras: &[Camera], points: &[Placed<'_>]) -> Vector3<f64> {
     displacement
 }
 
-/// Returns the misfit of a row, at the keyframe or afterwards, whichever is larger.
-fn misfit(camera: &Camera, row: &Sighting, position: Vector3<f64>, motion: &Motion) -> Misfit {
+/// Returns the misfit of a row, at the keyframe or afterwards, whichever is larger. `per_px` is the
+/// error of inverse depth per px of noise, 1/mm.
+fn misfit(
+    camera: &Camera,
+    row: &Sighting,
+    (position, per_px): (Vector3<f64>, f64),
+    motion: &Motion,
+) -> Misfit {
     let mut worst = Misfit::default();
-    for (instant, at) in [position.into(), motion.apply(position)]
-        .into_iter()
-        .enumerate()
-    {
-        let [x, y] = camera.project(at);
-        let [dx, dy] = [row.pixels[instant][0] - x, row.pixels[instant][1] - y];
+    let after = motion.apply(position);
+    for (instant, at) in [position.into(), after].into_iter().enumerate() {
+        let seen = camera.project(at);
+        let [dx, dy] = [0, 1].map(|i| row.pixels[instant][i] - seen[i]);
         let px = dx.hypot(dy);
-        if px > worst.px {
+        let alike_px = match (instant, motion) {
+            (1, Motion::Rigid(_)) => {
+                // Along the spread (u, v) the noise is larger by √(1 + u² + v²).
+                let deeper = position * (1.0 + SMALL_PX * per_px * position.z);
+                let deeper = camera.project(motion.apply(deeper));
+                let [u, v] = [0, 1].map(|i| (deeper[i] - seen[i]) / SMALL_PX);
+                let spread = u.hypot(v).max(f64::MIN_POSITIVE);
+                let along = (dx * u + dy * v) / spread / 1f64.hypot(spread);
+                along.hypot((dx * v - dy * u) / spread)
+            }
+            _ => px,
+        };
+        if alike_px > worst.alike_px {
             let column = 2 + 2 * instant + usize::from(dy.abs() > dx.abs());
-            worst = Misfit { column, px };
+            worst = Misfit {
+                column,
+                px,
+                alike_px,
+            };
         }
     }
     worst
@@ -264,13 +300,23 @@ mod tests {
         noise_px: f64,
         wrong: &[(usize, [f64; 4])],
     ) -> Vec<InputError> {
+        doubts_of(200.0, degrees, noise_px, wrong)
+    }
+
+    /// Returns the doubts about points from 800 mm to `depth_mm` beyond that also turned.
+    fn doubts_of(
+        depth_mm: f64,
+        degrees: [f64; 3],
+        noise_px: f64,
+        wrong: &[(usize, [f64; 4])],
+    ) -> Vec<InputError> {
         let turn = Rotation::from_degrees(degrees).rows();
         let rig = RigFile::paper();
         let mut random = Random::seeded(7);
         let mut text = format!("{}\n", HEADER.join(","));
-        for id in 0..30 {
+        for id in 0..80 {
             let place = [-60.0, -40.0, 800.0];
-            let span = [120.0, 80.0, 200.0];
+            let span = [120.0, 80.0, depth_mm];
             let p: [f64; 3] =
                 std::array::from_fn(|i| place[i] + span[i] * random.between(0.0, 1.0));
             for (name, camera) in rig.names.iter().zip(&rig.rig.cameras) {
@@ -281,7 +327,7 @@ mod tests {
                 let after = turn.map(|row| row[0] * arm[0] + row[1] * arm[1] + row[2] * arm[2]);
                 let [x1, y1] = camera.project([after[0] + 3.0, after[1] - 2.0, after[2] + 904.0]);
                 let noisy: [f64; 4] = std::array::from_fn(|i| {
-                    let noise = noise_px * random.between(-1.7, 1.7);
+                    let noise = noise_px * random.gaussian();
                     [x0, y0, x1, y1][i] + noise + off.map_or(0.0, |(_, off)| off[i])
                 });
                 text += &format!("{id},{name},{}\n", noisy.map(|v| v.to_string()).join(","));
@@ -316,7 +362,20 @@ mod tests {
             .collect();
         assert_eq!(fields[..3], ["x1", "y0", "y1"], "{found:?}");
         // Line 5 is the first camera of the second point.
-        assert!(found[0].reason.contains("camera `left` is 6."), "{found:?}");
+        assert!(
+            found[0].reason.contains("camera `left` is 5.9"),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn deep_target_that_turns_leaves_no_doubt() {
+        for degrees in [[0.0, 12.0, 0.0], [10.0, 10.0, 0.0], [-20.0, 5.0, 10.0]] {
+            for noise_px in [0.02, 0.1, 0.3] {
+                let found = doubts_of(1200.0, degrees, noise_px, &[]);
+                assert_eq!(found, [], "{degrees:?}, {noise_px} px");
+            }
+        }
     }
 
     #[test]

@@ -76,7 +76,13 @@ pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
         cameras: cameras.collect(),
     };
     let stage = None;
-    let text = RigFile { names, rig, stage }.to_toml();
+    let text = RigFile {
+        names,
+        rig,
+        stage,
+        pivot: None,
+    }
+    .to_toml();
     let rig = RigFile::parse(&first.path, &text).map_err(|error| blame(members, error))?;
     Ok(Assembled { rig, doubts })
 }

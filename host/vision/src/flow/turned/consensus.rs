@@ -1,8 +1,8 @@
 //! Consensus of the points that move as one rigid target.
 
-use super::Tracks;
 use crate::flow::Correspondence;
 use crate::flow::consensus::Agreement;
+use crate::flow::tracks::Tracks;
 use crate::matching::geometry::RigGeometry;
 use trinocular_core::estimate::pose::{self, Estimate, Observation};
 

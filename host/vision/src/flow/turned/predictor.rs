@@ -39,6 +39,37 @@ impl Surface {
     }
 }
 
+/// Point of the keyframe on its own part of the surface, as one camera sees it.
+pub(super) struct Anchor {
+    pixel: [f64; 2],
+    normalised: [f64; 2],
+    direction: [f64; 2],
+    inverse_depth: f64,
+}
+
+impl Anchor {
+    fn of(matched: &StereoMatch, k: usize) -> Self {
+        Self {
+            pixel: matched.pixels[k],
+            normalised: matched.normalised[k],
+            direction: matched.ray.direction,
+            inverse_depth: matched.ray.inverse_depth,
+        }
+    }
+
+    /// Creates the anchor of a pixel of camera `k` whose inverse depth is known, 1/mm.
+    pub fn at(geometry: &RigGeometry, k: usize, pixel: [f64; 2], inverse_depth: f64) -> Self {
+        let normalised = geometry.normalise(k, pixel);
+        let arm = geometry.arms.arms_mm()[k];
+        Self {
+            pixel,
+            normalised,
+            direction: [0, 1].map(|i| normalised[i] + inverse_depth * arm[i]),
+            inverse_depth,
+        }
+    }
+}
+
 /// Prediction of places and windows by a pose.
 pub(super) struct Predictor<'a> {
     pub geometry: &'a RigGeometry,
@@ -54,13 +85,27 @@ impl Predictor<'_> {
         matcher: &TemporalMatcher<'_>,
         matched: &StereoMatch,
     ) -> Result<Correspondence, Reject> {
+        let tracked = self.track_per_camera(matcher, matched)?;
+        let ends: Vec<[f64; 2]> = tracked.views.iter().map(|v| v.end).collect();
+        stereo::check(self.geometry, &matcher.settings.matching, &ends)?;
+        Ok(tracked)
+    }
+
+    /// Tracks one point in each camera on its own with turned windows, without the tests between
+    /// cameras.
+    pub fn track_per_camera(
+        &self,
+        matcher: &TemporalMatcher<'_>,
+        matched: &StereoMatch,
+    ) -> Result<Correspondence, Reject> {
         let cameras = self.geometry.cameras();
         let mut pixels = Vec::with_capacity(cameras);
         let mut views = Vec::with_capacity(cameras);
         for k in 0..cameras {
-            let at = matched.pixels[k];
-            let to = self.to(k, matched, at).ok_or(Reject::OutOfView)?;
-            let warp = self.warp(k, matched, to).ok_or(Reject::OutOfView)?;
+            let anchor = Anchor::of(matched, k);
+            let at = anchor.pixel;
+            let to = self.to(k, &anchor, at).ok_or(Reject::OutOfView)?;
+            let warp = self.warp(k, &anchor, to).ok_or(Reject::OutOfView)?;
             let found = matcher.track_turned(k, at, to, &warp)?;
             pixels.push([at, found]);
             views.push(View {
@@ -68,42 +113,39 @@ impl Predictor<'_> {
                 end: self.geometry.normalise(k, found),
             });
         }
-        let ends: Vec<[f64; 2]> = views.iter().map(|v| v.end).collect();
-        stereo::check(self.geometry, &matcher.settings.matching, &ends)?;
         Ok(Correspondence { pixels, views })
     }
 
-    /// Returns where the pose puts the pixel `at` of camera `k`, on the surface of a matched point.
-    fn to(&self, k: usize, matched: &StereoMatch, at: [f64; 2]) -> Option<[f64; 2]> {
+    /// Returns where the pose puts the pixel `at` of camera `k`, on the surface at an anchor.
+    pub fn to(&self, k: usize, anchor: &Anchor, at: [f64; 2]) -> Option<[f64; 2]> {
         let arm = self.geometry.arms.arms_mm()[k];
-        let ray = &matched.ray;
-        let slope = self.surface.slope(ray.direction, ray.inverse_depth);
+        let slope = self.surface.slope(anchor.direction, anchor.inverse_depth);
         // ρ = ρ0 + slope (α - α0) with α = ξ + ρ arm.
         let xi = self.geometry.normalise(k, at);
-        let own = matched.normalised[k];
+        let own = anchor.normalised;
         let along: f64 = (0..2).map(|i| slope[i] * (xi[i] - own[i])).sum();
         let across: f64 = (0..2).map(|i| slope[i] * arm[i]).sum();
-        let rho = ray.inverse_depth + along / (1.0 - across);
+        let rho = anchor.inverse_depth + along / (1.0 - across);
         let start = [xi[0] + rho * arm[0], xi[1] + rho * arm[1], rho];
         let [alpha, beta, rho] = self.pose.moved(&self.geometry.arms, start)?;
         let end = [alpha - rho * arm[0], beta - rho * arm[1]];
         Some(self.geometry.pixel(k, end))
     }
 
-    /// Returns the window of the image now, around the place `to` of a point, in the keyframe's
+    /// Returns the window of the image now, around the place `to` of an anchor, in the keyframe's
     /// image.
     ///
     /// Offsets of the keyframe are moved by `J δ / (1 + q·δ)`, which four places around the point
     /// determine. The inverse is `J^-1 d / (1 - (q J^-1)·d)`.
-    fn warp(&self, k: usize, matched: &StereoMatch, to: [f64; 2]) -> Option<PlaneWarp> {
+    pub fn warp(&self, k: usize, anchor: &Anchor, to: [f64; 2]) -> Option<PlaneWarp> {
         let centre = Vector2::from(to);
         let mut jacobian = Matrix2::zeros();
         let mut shrink = Vector2::zeros();
         for axis in 0..2 {
             let off = |sign: f64| {
-                let mut place = matched.pixels[k];
+                let mut place = anchor.pixel;
                 place[axis] += sign * STEP_PX;
-                Some(Vector2::from(self.to(k, matched, place)?) - centre)
+                Some(Vector2::from(self.to(k, anchor, place)?) - centre)
             };
             let (ahead, behind) = (off(1.0)?, off(-1.0)?);
             let lengths = [behind.norm(), ahead.norm()];

@@ -1,0 +1,50 @@
+//! The fields `rotation` and `pivot`: whether and about which point a target may turn.
+
+use std::fmt::Write as _;
+
+use super::field::Field;
+use crate::error::InputError;
+use crate::pivot::Pivot;
+
+/// Largest coordinate of a pivot, mm.
+const LIMIT_MM: f64 = 1e5;
+/// Treatments of a target that turns.
+const ROTATIONS: [&str; 2] = ["refuse", "estimate"];
+
+/// Reads the pivot if the rotation of the target is estimated; `None` if it is refused.
+pub(super) fn read(root: &Field<'_>) -> Result<Option<Pivot>, InputError> {
+    let is_estimated = match root.optional("rotation")? {
+        None => false,
+        Some(field) => match field.text()? {
+            "refuse" => false,
+            "estimate" => true,
+            _ => return Err(field.unknown("rotation", &ROTATIONS)),
+        },
+    };
+    let Some(field) = root.optional("pivot")? else {
+        return Ok(is_estimated.then(Pivot::default));
+    };
+    let pivot = match field.text() {
+        Ok("centroid") => Pivot::Centroid,
+        Ok(_) => return Err(field.unknown("pivot", &["centroid"])),
+        Err(_) => Pivot::Place(field.each(|axis| axis.number(LIMIT_MM))?),
+    };
+    if is_estimated {
+        return Ok(Some(pivot));
+    }
+    Err(field.fault(
+        "without a rotation all points of the target move alike; write `rotation = \"estimate\"`",
+    ))
+}
+
+/// Writes the fields, if the rotation is estimated.
+pub(super) fn write_toml(pivot: Option<Pivot>, text: &mut String) {
+    let Some(pivot) = pivot else {
+        return;
+    };
+    text.push_str("rotation = \"estimate\"\n");
+    let _ = match pivot {
+        Pivot::Centroid => writeln!(text, "pivot = \"centroid\""),
+        Pivot::Place(place) => writeln!(text, "pivot = {place:?}"),
+    };
+}
