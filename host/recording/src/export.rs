@@ -174,34 +174,3 @@ impl Table {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn columns_agree_with_csv() {
-        let measured = Measurement {
-            frame: 3,
-            cameras: vec!["left".to_owned(); 2],
-            displacement_mm: [1.5, -2.0, 0.25],
-            pixels: vec![0.0; 8],
-            outcome: Outcome::Used,
-            ..Measurement::default()
-        };
-        let refused = Measurement {
-            reason: "lost, \"far\" away".to_owned(),
-            ..Measurement::default()
-        };
-        let rows = [Row::of(&measured), Row::of(&refused)];
-        let columns = columns(&rows);
-        let names: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
-        assert_eq!(csv(&rows).lines().next(), Some(names.join(",").as_str()));
-        let of = |name: &str| columns.iter().find(|(known, _)| *known == name).unwrap();
-        assert_eq!(of("frame").1, Column::Whole(vec![3, 0]));
-        assert_eq!(of("x_mm").1, Column::Number(vec![Some(1.5), None]));
-        assert_eq!(of("points").1, Column::Whole(vec![1, 0]));
-        let reasons = vec![String::new(), "lost, \"far\" away".to_owned()];
-        assert_eq!(of("reason").1, Column::Text(reasons));
-    }
-}
