@@ -234,29 +234,32 @@ fn rows_say_what_they_know() {
     assert!(text.stdout.contains("used, sigma 0.00") && text.stdout.contains(" points, "));
 }
 
-#[test]
-fn saturated_images_are_named_in_rows() {
-    let desk = desk_with_views(&[AT_REST, Some([1.0, 0.0, 0.0])]);
-    let path = desk.path("views/left/0001.pgm");
-    let mut pgm = fs::read(&path).expect("ours");
+/// Makes five lines of an image white.
+fn saturate(path: &Path) {
+    let mut pgm = fs::read(path).expect("ours");
     let end = pgm.len();
     pgm[end - 1600..].fill(255);
-    fs::write(&path, pgm).expect("ours");
-    for command in [&["estimate"][..], &["track", "--images"]] {
-        let arguments = [command, &["views", "--rig", "rig.toml", "--json"]].concat();
-        let outcome = run(desk.folder.path(), &arguments);
-        let row = &outcome.json()[0];
-        let warning = row["warnings"][0].as_str().expect("a warning");
-        assert!(
-            warning.starts_with("camera left has ") && warning.contains("saturated"),
-            "{row}"
-        );
-        assert_eq!(
-            outcome.stderr.matches("saturated").count(),
-            1,
-            "{}",
-            outcome.stderr
-        );
+    fs::write(path, pgm).expect("ours");
+}
+
+#[test]
+fn saturated_images_are_named_in_rows() {
+    // The keyframe, which has no row of its own, and the frame set that is measured against it.
+    for saturated in ["views/left/0000.pgm", "views/left/0001.pgm"] {
+        let desk = desk_with_views(&[AT_REST, Some([1.0, 0.0, 0.0])]);
+        saturate(&desk.path(saturated));
+        for command in [&["estimate"][..], &["track", "--images"]] {
+            let arguments = [command, &["views", "--rig", "rig.toml", "--json"]].concat();
+            let outcome = run(desk.folder.path(), &arguments);
+            let row = &outcome.json()[0];
+            let warning = row["warnings"][0].as_str().expect("a warning");
+            assert!(
+                warning.starts_with("camera left has ") && warning.contains("saturated"),
+                "{row}"
+            );
+            let count = outcome.stderr.matches("saturated").count();
+            assert_eq!(count, 1, "{}", outcome.stderr);
+        }
     }
 }
 

@@ -204,13 +204,11 @@ fn turned_target_is_refused_on_demand() {
         text.replace(row, &format!("{start},{}", y1 + 6.0)),
     );
     let outcome = desk.estimate(&["--json", "--rotation", "refuse"]);
-    assert_eq!(
-        outcome.code,
-        Some(1),
-        "{}{}",
-        outcome.stdout,
-        outcome.stderr
-    );
+    assert_eq!(outcome.code, Some(1), "{}", outcome.stderr);
+    let reason = outcome.json()[0]["refused"].as_str().map(str::to_owned);
+    let reason = reason.expect("a reason");
+    assert!(reason.contains("turns by 9.7"), "{reason}");
+    assert!(reason.contains("unless the rows"), "{reason}");
     // A method without rotation warns.
     let desk = desk_of(&case("16"));
     let outcome = desk.estimate(&["--json", "--method", "midpoint"]);

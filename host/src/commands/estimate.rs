@@ -273,8 +273,11 @@ fn run_captures<W: Write>(
             true => refusal.to_string(),
         })
     };
-    let mut reference = refer_to(&mut flow, first?);
+    let first = first?;
     let mut exposures = Exposures::new(&rig.names);
+    // A badly exposed keyframe spoils every row; the first one names it.
+    let mut of_keyframe = exposures.note(first);
+    let mut reference = refer_to(&mut flow, first);
     let rule = options
         .pose
         .of_rig(rig, options.method)
@@ -290,7 +293,8 @@ fn run_captures<W: Write>(
                 continue;
             }
         };
-        printer.exposure = exposures.note(&capture);
+        printer.exposure = std::mem::take(&mut of_keyframe);
+        printer.exposure.extend(exposures.note(&capture));
         // A bad keyframe spoils every frame measured against it; they share its reason.
         let seen = match &reference {
             Ok(()) => rule.of_images(&mut flow, &rig.rig, &capture),

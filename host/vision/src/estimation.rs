@@ -246,7 +246,11 @@ impl Rule {
             }
             (Use::Refused | Use::Warned, Ok((pose, _))) if is_turned(&pose) => {
                 let angle = angle_deg(&pose);
-                let reason = format!("the target turns by {angle:.2} degrees");
+                let unless = match points.doubts.is_empty() {
+                    true => "",
+                    false => ", unless the rows that do not fit the others are wrong",
+                };
+                let reason = format!("the target turns by {angle:.2} degrees{unless}");
                 if used == Use::Refused {
                     return Err(format!("{reason}; to measure it: --rotation estimate"));
                 }

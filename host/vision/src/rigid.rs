@@ -7,7 +7,7 @@ use trinocular_core::estimate::pose::{self, Estimate, Observation};
 use trinocular_core::sums::centred::Geometry;
 use trinocular_rig::random::Random;
 
-/// Samples of three points. If a third of 30 points or more is wrong, all samples contain a wrong
+/// Samples of three points. If a third of 60 points or more is wrong, all samples contain a wrong
 /// one with a probability of 1e-7.
 const SAMPLES: usize = 50;
 /// Largest number of points that judge a sample.
@@ -27,9 +27,9 @@ pub fn motion(geometry: &Geometry, all: &[Observation], far: f64) -> Option<Esti
     let judges: Vec<Observation> = all.iter().copied().step_by(stride).collect();
     let mut random = Random::seeded(all.len() as u64);
     let samples = (0..SAMPLES).filter_map(|_| {
-        let sample = [0; 3].map(|_| random.below(all.len()));
-        let is_thrice = sample[0] != sample[1] && sample[1] != sample[2] && sample[2] != sample[0];
-        let sample = is_thrice.then(|| sample.map(|index| all[index]))?;
+        let [a, b, c] = [0; 3].map(|_| random.below(all.len()));
+        let are_distinct = a != b && b != c && c != a;
+        let sample = are_distinct.then(|| [a, b, c].map(|index| all[index]))?;
         let pose = pose::plain(geometry, &sample).ok()?;
         let score: f64 = judges
             .iter()

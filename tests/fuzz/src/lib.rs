@@ -5,3 +5,4 @@ pub mod edit;
 pub mod law;
 pub mod life;
 pub mod picture;
+pub mod stack;

@@ -1,6 +1,7 @@
 //! Image files with a valid structure and any content.
 
 use crate::edit::{Edit, edited};
+use crate::stack::{Bmp, Tiff, WebP};
 use arbitrary::Arbitrary;
 
 /// Image file.
@@ -39,6 +40,12 @@ pub enum File {
         /// Final edits, which break the file.
         edits: Vec<Edit>,
     },
+    /// TIFF: directories with right offsets.
+    Tiff(Tiff),
+    /// BMP: a header and pixels.
+    Bmp(Bmp),
+    /// WebP: chunks with right lengths.
+    WebP(WebP),
 }
 
 /// Side of an image, mostly a plausible one.
@@ -51,7 +58,8 @@ pub enum Side {
 }
 
 impl Side {
-    fn px(self) -> u32 {
+    /// Returns the number of pixels.
+    pub fn px(self) -> u32 {
         match self {
             Self::Small(px) => px.into(),
             Self::Any(px) => px,
@@ -149,11 +157,15 @@ impl File {
                 let file = JPEGS[usize::from(*which) % JPEGS.len()];
                 broken(changed(file, changes), edits)
             }
+            Self::Tiff(tiff) => tiff.bytes(),
+            Self::Bmp(bmp) => bmp.bytes(),
+            Self::WebP(webp) => webp.bytes(),
         }
     }
 }
 
-fn broken(file: Vec<u8>, edits: &[Edit]) -> Vec<u8> {
+/// Applies the edits to a file that is no text.
+pub fn broken(file: Vec<u8>, edits: &[Edit]) -> Vec<u8> {
     // Edits are for text; bytes as Latin-1 serve as well.
     match edits {
         [] => file,
@@ -166,15 +178,30 @@ fn broken(file: Vec<u8>, edits: &[Edit]) -> Vec<u8> {
 }
 
 fn chunk(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
+    let named = [&name[..], content].concat();
+    let length = (content.len() as u32).to_be_bytes();
+    [&length, &named[..], &crc32(&named).to_be_bytes()].concat()
+}
+
+/// Returns a gzip file of these bytes, not compressed.
+pub fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let bytes = &bytes[..bytes.len().min(65_535)];
+    let length = bytes.len() as u16;
+    let head = [0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 3, 1];
+    let sizes = [length.to_le_bytes(), (!length).to_le_bytes()].concat();
+    let tail = [crc32(bytes).to_le_bytes(), u32::from(length).to_le_bytes()].concat();
+    [&head[..], &sizes, bytes, &tail].concat()
+}
+
+fn crc32(bytes: &[u8]) -> u32 {
     let mut sum = !0_u32;
-    for byte in name.iter().chain(content) {
+    for byte in bytes {
         sum ^= u32::from(*byte);
         for _ in 0..8 {
             sum = (sum >> 1) ^ (0xEDB8_8320 & (sum & 1).wrapping_neg());
         }
     }
-    let length = (content.len() as u32).to_be_bytes();
-    [&length, &name[..], content, &(!sum).to_be_bytes()].concat()
+    !sum
 }
 
 /// Returns a zlib stream of these bytes, not compressed.

@@ -45,7 +45,10 @@ fuzz_target!(|input: (bool, Vec<Edit>, Vec<Edit>, Option<[f64; 2]>)| {
         for text in [opencv(camera, rig.image_size_px), ros("a", camera, &rig)] {
             let file = CameraFile::parse(&member.path, text.as_bytes());
             let file = file.unwrap_or_else(|error| panic!("{error} in {text}"));
-            assert_eq!(file.lens, member.file.lens);
+            assert_eq!(
+                (file.lens, file.rational),
+                (member.file.lens, member.file.rational)
+            );
         }
     }
 });

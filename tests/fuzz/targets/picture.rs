@@ -1,4 +1,4 @@
-//! Image files: PNG, JPEG and PNM with any content.
+//! Image files: PNG, JPEG, PNM, TIFF, BMP and WebP with any content.
 //!
 //! Laws: no panic and no abort; an image has as many pixels as its size says, which is bounded, and
 //! decodes the same if its size is known before; memory is bounded (`tests/fuzz/run`); messages are

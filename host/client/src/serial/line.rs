@@ -385,7 +385,12 @@ impl Line {
             self.link = Link::Up;
             return;
         }
-        if self.sender.broken().is_some() {
+        // A link that was made anew leads to the station, and the silent line that it led to before
+        // does not.
+        let is_back = self
+            .terminal
+            .is_some_and(|terminal| terminal.is_back(&self.path));
+        if self.sender.broken().is_some() || is_back && self.owner.is_none() {
             self.set_port(None);
         }
         let is_broken = self.port.is_none();

@@ -2,10 +2,10 @@
 
 use super::{RigFile, Stage};
 
-/// Least distance of cameras side by side, mm, because of their housings.
-const CLOSEST_MM: f64 = 10.0;
 /// Size below which a rig is probably in metres, mm.
 const METRES_MM: f64 = 0.5;
+/// Size below which a rig is probably in centimetres, mm: less than the housings of two cameras.
+const CENTIMETRES_MM: f64 = 20.0;
 /// Largest size of a rig on one frame, mm.
 const WIDEST_MM: f64 = 5_000.0;
 /// Least focal length over the image's width: a field of view of 127 degrees.
@@ -40,18 +40,16 @@ impl RigFile {
             dx.hypot(dy)
         };
         let pairs = (0..cameras.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
-        let distances = || pairs.clone().map(|(a, b)| apart(a, b));
-        let widest = distances().fold(0.0, f64::max);
-        let closest = distances().fold(f64::INFINITY, f64::min);
-        let (most, distance, unit) = match widest {
-            w if w < METRES_MM => ("at most", widest, "metres"),
-            w if w > WIDEST_MM => ("at most", widest, "micrometres"),
-            _ if closest < CLOSEST_MM => ("only", closest, "centimetres"),
+        let widest = pairs.map(|(a, b)| apart(a, b)).fold(0.0, f64::max);
+        let unit = match widest {
+            w if w < METRES_MM => "metres",
+            w if w < CENTIMETRES_MM => "centimetres",
+            w if w > WIDEST_MM => "micrometres",
             _ => return None,
         };
         Some(format!(
-            "the cameras are {most} {distance:.2} mm apart: are the offsets in {unit}? offset_mm \
-             is in mm"
+            "the cameras are at most {widest:.2} mm apart: are the offsets in {unit}? offset_mm is \
+             in mm"
         ))
     }
 

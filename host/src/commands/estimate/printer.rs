@@ -59,7 +59,7 @@ pub(super) struct Printer<'a, W> {
     pub is_points: bool,
     /// Warnings about the next displacement, which are printed with it.
     pub warnings: Vec<String>,
-    /// Warnings of its exposure, which were printed once per camera.
+    /// Exposure warnings of the next row, which are already printed, once per camera and kind.
     pub exposure: Vec<String>,
     /// Names of the cameras that take no part in the next displacement.
     pub absent: Vec<String>,
