@@ -45,21 +45,6 @@ fn healthy_stage_survives_300_lives() {
     assert_eq!(faults, Vec::<String>::new());
 }
 
-/// Lives in which a target happened to move as a coupled loop would: it jumped while the stage
-/// followed its last jump, or came back from behind an obstacle.
-#[test]
-fn coincidences_are_no_instability() {
-    const SEEDS: [u64; 14] = [
-        334, 379, 470, 3_688, 7_388, 15_646, 17_300, 20_669, 20_997, 24_501, 34_424, 35_261,
-        38_536, 39_584,
-    ];
-    let faults: Vec<_> = SEEDS
-        .into_iter()
-        .flat_map(|seed| faults(seed..seed + 1))
-        .collect();
-    assert_eq!(faults, Vec::<String>::new());
-}
-
 #[test]
 #[ignore = "ten thousand lives take two minutes; tests/run includes it"]
 fn healthy_stage_survives_10000_lives() {

@@ -127,8 +127,6 @@ impl Machine {
         else {
             return;
         };
-        let bounds = active.bounds.as_ref();
-        let confines = bounds.and_then(|bounds| self.tracker.watch.confines(bounds));
         let slots = planner.limits().word_rate().slots_per_tick();
         let (mut targets, mut speeds) = (planner.loads(), [0; 3]);
         let axes = targets.iter_mut().zip(&mut speeds).zip(aims);
@@ -143,15 +141,6 @@ impl Machine {
             let [low, high] = limits.range();
             if (low..high).contains(&wanted.whole_steps()) {
                 *speed = per_slot(aim.velocity, slots);
-            }
-        }
-        // After a trial that found the loop coupled the stage stays near, and goes on in no case.
-        if let Some([low, high]) = confines {
-            let axes = targets.iter_mut().zip(&mut speeds);
-            for ((target, speed), (low, high)) in axes.zip(low.into_iter().zip(high)) {
-                let (low, high) = (Position::nearest_rest(low), Position::nearest_rest(high));
-                *target = (*target).max(low).min(high);
-                *speed = 0;
             }
         }
         planner.follow(targets, speeds);

@@ -23,8 +23,7 @@
 //!    stage moves on.
 //! 2. *Trial*: the stage is ramped down and stands for 0.1 to 0.3 s. A target that moves by itself
 //!    goes on; one that the stage moves stops with it. Two trials that agree make the fault, or one
-//!    that leaves no doubt, or two in which the target stands and after each a [`restart`] that sets
-//!    it in motion. Then following goes on.
+//!    that leaves no doubt. Then following goes on.
 //!
 //! After a trial that finds a target that moves by itself, the next one waits for half a second,
 //! then for 1, 2, 4 and 8 s. A suspicion of lost steps is pardoned up to three times if the error
@@ -34,8 +33,8 @@
 //! `cargo test -p trinocular-tests --test lives -- --ignored --nocapture` follows random targets
 //! with a healthy stage at 5 to 1000 frames per second (gaps, occlusions, exponential intervals,
 //! targets out of the stage's reach, backlash, a mount off by 20 % and 8 degrees): 0 false alarms
-//! in 10,000 lives, so fewer than 3 in 10,000 with 95 % confidence. A trial stops such a stage in
-//! one of three lives; at 60 frames per second after a target within reach, hardly ever.
+//! in 10,000 lives, so fewer than 3 in 10,000 with 95 % confidence. A trial stops such a stage once
+//! in three lives; at 60 frames per second after a target within reach, hardly ever.
 //!
 //! A stall after a target at rest or on a figure becomes a fault, with the stage at rest, within 26
 //! mm of the stall at 20 frames per second and more (`tests/stalling.rs`), with a bound of 10 mm.
@@ -47,24 +46,18 @@
 //! the first motion and 27 mm, rotations of 60 degrees and stamps off by 30 to 70 ms within 4 s,
 //! while they shake by less than a few mm (`tests/unstable.rs`).
 //!
-//! Of 10,000 random lives with such a mount or a stall, 3.6 % are named later than 2 s after useless
-//! motion begins, and 3.5 % go farther than the unseen way and the way to stop; of 10,000 with a
-//! healthy stage, none is stopped (`campaign --kind loop --seed 100000 --lives 20000`).
-//!
 //! # Following error
 //! `|e|` beyond a bound in every frame for longer than a time is a fault of its own.
 
-mod restart;
 mod shaking;
 mod trial;
 mod unseen;
 mod window;
 
 use super::StepVector;
-use super::filter::{steps, within};
+use super::filter::steps;
 use crate::safety::Fault;
 use crate::time::Instant;
-use restart::{Outcome, Restart};
 use shaking::Shaking;
 use trial::{ENOUGH, Suspicion, Trial, Verdict};
 use unseen::{Unseen, is_near};
@@ -73,10 +66,8 @@ use window::{Spread, Window, milliseconds};
 /// Shortest time between two frames that the watch uses, µs. Within it, only the noise changes.
 const LEAST_US: u64 = 12_000;
 
-/// Time without a frame after which the watch begins anew, if both are exceeded: mean periods
-/// (`GAP`), and ms (`GAP_MS`).
+/// Number of mean periods without a frame after which the watch begins anew.
 const GAP: f32 = 2.5;
-const GAP_MS: f32 = 150.0;
 
 /// Shortest window: frames (`WINDOW_FRAMES`), and time in ms (`WINDOW_MS`).
 const WINDOW_FRAMES: f32 = 7.5;
@@ -92,13 +83,6 @@ const AGAIN: i64 = 4;
 
 /// Divisor of [`Bounds::unseen`] for the distance that the stage may go astray.
 const ASTRAY: i64 = 4;
-
-/// Divisor of [`Bounds::unseen`] for the distance of the stage from the place of a trial until its
-/// restart has been seen.
-const CONFINED: i64 = 8;
-
-/// Number of points of a restart that shows the loop coupled.
-const RESTARTED: u8 = 1;
 
 /// Longest series of pardons.
 const PARDONS: u8 = 3;
@@ -154,16 +138,6 @@ struct Case {
     lost: bool,
 }
 
-impl Case {
-    /// Returns the fault that this becomes.
-    fn fault(&self) -> Fault {
-        match self.lost {
-            true => Fault::LostSteps,
-            false => Fault::Unstable,
-        }
-    }
-}
-
 /// State of the watch.
 #[derive(Clone, Debug, Default)]
 pub struct Watch {
@@ -181,8 +155,6 @@ pub struct Watch {
     pardons: u8,
     trial: Option<Trial>,
     case: Option<Case>,
-    /// State after a trial that found the loop coupled, until the stage has moved again.
-    restart: Option<Restart>,
     /// Instant before which no trial begins.
     quiet_until: Instant,
     /// Number of trials in succession that found a target that moves by itself.
@@ -223,19 +195,15 @@ impl Watch {
         self.last = Some(*sample);
         let ms = milliseconds(since);
         let known = self.period_ms > 0.0;
-        let gap = known && ms > within(GAP * self.period_ms, GAP_MS, f32::MAX);
+        let gap = known && ms > GAP * self.period_ms;
         self.period_ms += (ms - self.period_ms) * if known { 0.1 } else { 1.0 };
         let counts_ms = COUNTS_MS + COUNTS_FRAMES * self.period_ms;
         self.case = self
             .case
             .filter(|case| milliseconds(sample.capture.since(case.at)) <= counts_ms);
-        if self.case.is_none() {
-            self.restart = None;
-        }
         match self.trial {
             Some(trial) => self.try_on(trial, [&last, sample], bounds),
             None if gap => {
-                self.restart = None;
                 self.begin_anew(sample);
                 Advice::GoOn
             }
@@ -248,14 +216,12 @@ impl Watch {
         self.window = Window::starting(sample);
         self.unseen = [Unseen::default(); 3];
         self.shaking = Shaking::default();
+        self.astray = [0; 3];
     }
 
     /// Looks for a reason to stop the stage.
     fn suspect(&mut self, [last, sample]: [&Sample; 2], bounds: &Bounds) -> Advice {
         self.window.add(sample);
-        if self.restart.is_some() {
-            return self.restart(sample);
-        }
         let full = self.window.frames() > WINDOW_FRAMES && self.window.span_ms > WINDOW_MS;
         let mut astray = self.is_astray([last, sample], bounds);
         let unseen = self.unseen([last, sample], bounds);
@@ -268,10 +234,7 @@ impl Watch {
         if full {
             let large = large(bounds);
             let again = self.case.is_some();
-            let brief = self.period_ms < trial::STANDS_MS;
-            shakes = self
-                .shaking
-                .see(spreads, sample.variance, large, again, brief);
+            shakes = self.shaking.see(spreads, sample.variance, large, again);
             if !self.shaking.is_active() {
                 self.pardons = 0;
             }
@@ -286,51 +249,8 @@ impl Watch {
             self.unseen = [Unseen::default(); 3];
             return Advice::GoOn;
         }
-        self.astray = [0; 3];
         self.trial = Some(Trial::new(suspicion));
         Advice::Stop
-    }
-
-    /// Watches the restart after a trial that found the loop coupled.
-    fn restart(&mut self, sample: &Sample) -> Advice {
-        let (Some(restart), Some(case)) = (&mut self.restart, &mut self.case) else {
-            self.restart = None;
-            return Advice::GoOn;
-        };
-        let Some(outcome) = restart.see(sample) else {
-            return Advice::GoOn;
-        };
-        self.restart = None;
-        match outcome {
-            Outcome::Healthy => {
-                self.case = None;
-                self.begin_anew(sample);
-                return Advice::GoOn;
-            }
-            Outcome::Open => {}
-            Outcome::Coupled => {
-                case.points = case.points.saturating_add(RESTARTED);
-                if case.points >= ENOUGH {
-                    return Advice::Fail(case.fault());
-                }
-            }
-        }
-        // Another trial decides.
-        self.trial = Some(Trial::new(Suspicion::Astray));
-        Advice::Stop
-    }
-
-    /// Returns the lowest and highest positions of the stage, if it must stay near the place of a
-    /// trial.
-    pub fn confines(&self, bounds: &Bounds) -> Option<[StepVector; 2]> {
-        let restart = self.restart.as_ref()?;
-        let [[x, y, z], [a, b, c]] = [restart.stage, bounds.unseen.map(|bound| bound / CONFINED)];
-        let low = [
-            x.saturating_sub(a),
-            y.saturating_sub(b),
-            z.saturating_sub(c),
-        ];
-        Some([low, super::add([x, y, z], [a, b, c])])
     }
 
     /// Returns true if the stage went too far while frames were refused, or went away from the
@@ -343,11 +263,7 @@ impl Watch {
         for ((sum, bound), ((now, before), error)) in axes.zip(ways) {
             let counts = self.refused > 0 || lost && !is_near(*error, bound);
             let way = now.saturating_sub(*before).saturating_abs();
-            *sum = if counts {
-                sum.saturating_add(way)
-            } else {
-                sum.saturating_sub(way / 2).max(0)
-            };
+            *sum = if counts { sum.saturating_add(way) } else { 0 };
             astray |= bound > 0 && *sum > bound / ASTRAY;
         }
         astray
@@ -402,36 +318,23 @@ impl Watch {
             return Advice::GoOn;
         }
         self.trial = None;
-        let window = self.window;
         self.begin_anew(sample);
         match (verdict, self.case) {
-            (
-                Verdict::Coupled {
-                    points,
-                    lost,
-                    still,
-                },
-                case,
-            ) => {
-                let before = case.map_or(0, |case| case.points);
-                let points = if still && points < ENOUGH {
-                    before.max(points)
-                } else {
-                    before.saturating_add(points)
-                };
+            (Verdict::Coupled { points, lost }, case) => {
+                let points = case.map_or(0, |case| case.points).saturating_add(points);
+                if points >= ENOUGH {
+                    return Advice::Fail(match lost {
+                        true => Fault::LostSteps,
+                        false => Fault::Unstable,
+                    });
+                }
                 let shook = trial.is_for_shaking();
-                let case = Case {
+                self.case = Some(Case {
                     points,
                     at,
                     shook,
                     lost,
-                };
-                if points >= ENOUGH {
-                    return Advice::Fail(case.fault());
-                }
-                self.case = Some(case);
-                // A stage that stays near would make a target that goes on a following error.
-                self.restart = (!lost).then(|| Restart::new(sample, &window, still));
+                });
                 self.free = 0;
                 self.quiet_until = at;
             }

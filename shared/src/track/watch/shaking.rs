@@ -14,20 +14,13 @@
 use super::window::{Energy, Spread};
 
 /// Share of the stage's energy in the apparent target from which on a loop feeds itself.
-pub(super) const FEEDS: f32 = 0.74;
+const FEEDS: f32 = 0.74;
 
 /// Share of the stage's energy in the apparent target that is enough for a large motion that lasts.
 const LASTS: f32 = 0.3;
 
 /// Share of the stage's energy in the error below which the target is followed.
-pub(super) const FOLLOWED: f32 = 0.25;
-
-/// Share of the stage's energy in the apparent target above which the target moves by itself. A
-/// mount that shows everything four times too large makes 9.
-pub(super) const MOST: f32 = 12.0;
-
-/// Share of the stage's energy in the apparent target above which frames of the window are wrong.
-const WRONG: f32 = 60.0;
+const FOLLOWED: f32 = 0.25;
 
 /// Energy of the stage below which it rests, steps².
 const RESTS: f32 = 9.0;
@@ -50,23 +43,19 @@ pub(super) struct Shaking {
 
 impl Shaking {
     /// Takes in a window's variances. `large` is the energy of a large motion, steps²; `again` says
-    /// that the loop is under suspicion, `brief` that a window lasts for a moment only. Returns true
-    /// if the loop is suspicious.
+    /// that the loop is under suspicion. Returns true if the loop is suspicious.
     pub fn see(
         &mut self,
         spreads: [Spread; 3],
         variance: [f32; 3],
         large: f32,
         again: bool,
-        brief: bool,
     ) -> bool {
         self.before = Some(spreads);
         let energy = Energy::new(&spreads, variance);
         let large = energy.stage > large;
         let feeds = energy.target > FEEDS * energy.stage;
-        let moves = energy.stage > RESTS
-            && energy.error > FOLLOWED * energy.stage
-            && energy.target < WRONG * energy.stage;
+        let moves = energy.stage > RESTS && energy.error > FOLLOWED * energy.stage;
         if !(moves && (feeds || large && energy.target > LASTS * energy.stage)) {
             (self.lasts, self.feeds) = (0, 0);
             return false;
@@ -85,9 +74,6 @@ impl Shaking {
             }
         }
         let (lasts, feeding) = match (again, large) {
-            (true, _) if brief => (3, 1),
-            (false, true) if brief => (3, 1),
-            (false, false) if brief => (4, 2),
             (true, _) => (4, 2),
             (false, true) => (6, 2),
             (false, false) => (6, 3),

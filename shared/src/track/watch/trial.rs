@@ -11,22 +11,11 @@
 //! * *Lost*: on an axis the ramp does not show in the error. Its steps do not move the cameras.
 //! * *Calm*: the target rests, and did not move much with the stage either.
 //!
-//! Axes are judged together, so that a loop over two axes is seen, and an axis that runs with a gain
-//! of its own is judged alone, too, because a target that moves on another axis would hide it.
-//!
 //! A target may come to rest with the stage by coincidence. So a verdict is a matter of points: 6
-//! make the fault, and the points of a trial depend on the probability of the coincidence. In two
-//! thirds of the trials of a coupled loop the target *stands*, with less than a tenth of its energy
-//! about the mean. So does a target that jumps, between its jumps. Standing therefore makes 4 points,
-//! which do not add up, and each [restart](super::restart) that finds the loop coupled adds 1: two of
-//! them decide. If the target only moves less than before, it is 3.
-//!
-//! Cameras that saw the ramp as the station made it, with a target that did not move meanwhile, acquit
-//! the loop, whatever the target did before.
+//! make the fault, and the points of a trial depend on the probability of the coincidence.
 
 use super::super::filter::{with_quantisation, within};
 use super::Sample;
-use super::shaking::{FEEDS, FOLLOWED, MOST};
 use super::window::{Energy, Spread, Window};
 use crate::time::Instant;
 
@@ -49,22 +38,8 @@ const RESTS: f32 = 1.0 / 25.0;
 /// of fewer than some 25 frames per second, a target moves too much by itself.
 const BRIEF_MS: f32 = 450.0;
 
-/// Longest mean time between frames, ms, at which a target that stands or slows down counts. With
-/// fewer frames per second a target may turn or rest while the stage does.
-pub(super) const STANDS_MS: f32 = 50.0;
-
 /// Number of points that make a fault.
 pub(super) const ENOUGH: u8 = 6;
-
-/// Number of points of a trial in which the target stands.
-const STILL: u8 = 4;
-
-/// Share of the moving variance below which the variance about the mean is that of a target that
-/// stands.
-const STANDS: f32 = 0.1;
-
-/// Share of the stage's energy that an axis needs to be judged alone.
-const ALONE: f32 = 0.25;
 
 /// Reason for stopping the stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,8 +66,6 @@ pub(super) enum Verdict {
         points: u8,
         /// The steps of an axis have no effect.
         lost: bool,
-        /// The target stands.
-        still: bool,
     },
 }
 
@@ -106,8 +79,6 @@ struct Moving {
     /// Share of the apparent target's motion that the stage's explains, in the window with the
     /// ramp.
     explained: f32,
-    /// True if the frames follow each other so fast that a target that stands counts.
-    brief: bool,
     /// Time for which the stage has to stand, ms.
     rest_ms: f32,
 }
@@ -168,7 +139,6 @@ impl Trial {
                         true => window.explained(),
                         false => 0.0,
                     },
-                    brief: window.span_ms < STANDS_MS * window.frames(),
                     rest_ms: 0.9 * within(ms, LEAST_MS, MOST_MS),
                 };
                 self.moving = Some(moving);
@@ -180,44 +150,30 @@ impl Trial {
         if !(window.frames() > FRAMES && window.span_ms > moving.rest_ms) {
             return Verdict::Wait;
         }
-        self.judge(
-            &moving,
-            (&window.spreads(), window.wander()),
-            sample.variance,
-            large,
-        )
+        self.judge(&moving, &window.spreads(), sample.variance, large)
     }
 
     fn judge(
         &self,
         moving: &Moving,
-        (rest, wander): (&[Spread; 3], [f32; 3]),
+        rest: &[Spread; 3],
         variance: [f32; 3],
         large: f32,
     ) -> Verdict {
         let energy = Energy::new(&moving.spreads, variance);
         // Sum over the axes on which the apparent target moved.
         let (mut moved, mut rested, mut noise) = (0.0, 0.0, 0.0);
-        let (mut wandered, mut alone) = (0.0, false);
-        for (((m, r), w), variance) in moving.spreads.iter().zip(rest).zip(wander).zip(variance) {
+        for ((m, r), variance) in moving.spreads.iter().zip(rest).zip(variance) {
             let variance = with_quantisation(variance);
-            // Also on an axis that was calm before: a target that moves on any axis does not stand.
-            wandered += within(w - 3.0 * variance, 0.0, f32::MAX);
             if m.target > 8.0 * variance && m.target > energy.stage / 16.0 {
                 moved += m.target;
                 rested += r.target;
                 noise += variance;
-                let rests = r.target < m.target * RESTS || r.target < 3.0 * variance;
-                alone |= rests
-                    && m.stage > ALONE * energy.stage
-                    && m.target - variance > FEEDS * m.stage
-                    && m.error - variance > FOLLOWED * m.stage;
             }
         }
         let rests = moved > 0.0 && (rested < moved * RESTS || rested < 3.0 * noise);
         let goes_on = moved > 0.0 && !rests;
         let shaking = self.is_for_shaking();
-        let axis_feeds = alone && !shaking && moving.brief;
         let lost = match shaking {
             true => None,
             false => lost(&moving.ramp, rest, variance),
@@ -225,13 +181,9 @@ impl Trial {
         let (lost, sure) = (lost.is_some(), lost == Some(true));
         let feeds = shaking
             || energy.stage > 9.0
-                && energy.target > FEEDS * energy.stage
-                && energy.target < MOST * energy.stage
+                && energy.target > 0.74 * energy.stage
                 && energy.error > 0.04 * energy.stage;
-        if !lost && is_seen(&moving.ramp, variance) {
-            return Verdict::Free;
-        }
-        match (lost || axis_feeds || rests && feeds, goes_on) {
+        match (lost || rests && feeds, goes_on) {
             (true, _) => {
                 let strong = match shaking {
                     true => 16.0 * energy.stage > large,
@@ -240,40 +192,17 @@ impl Trial {
                 // The target moved twice as much as the stage, as explained by it, and then rested.
                 let alone = 400.0 * Energy::new(rest, variance).target < energy.target;
                 let runs = moving.explained > 0.995 && energy.target > 1.8 * energy.stage;
-                let still =
-                    !lost && moving.brief && (wandered < STANDS * moved || wandered < 3.0 * noise);
-                let slow = !lost && moving.brief && wandered < moved;
                 let points = match (sure || !shaking && runs && alone, strong) {
                     (true, _) => ENOUGH,
-                    _ if still => STILL,
-                    _ if slow => 3,
                     (false, true) => 3,
                     (false, false) => 2,
                 };
-                Verdict::Coupled {
-                    points,
-                    lost,
-                    still,
-                }
+                Verdict::Coupled { points, lost }
             }
             (false, true) => Verdict::Free,
             (false, false) => Verdict::Calm,
         }
     }
-}
-
-/// Returns true if the cameras saw the stage's ramp as the station made it: on every axis of it the
-/// apparent target, which a coupled loop moves with the stage, stayed at its place.
-fn is_seen(ramp: &[Spread; 3], variance: [f32; 3]) -> bool {
-    let [x, y, z] = ramp;
-    let all = x.stage + y.stage + z.stage;
-    let (mut clear, mut moves) = (false, false);
-    for (m, variance) in ramp.iter().zip(variance) {
-        let noise = with_quantisation(variance);
-        clear |= m.stage > ALONE * all && m.stage > 9.0 + 16.0 * noise;
-        moves |= m.stage > all / 16.0 && m.target > 0.1 * m.stage + noise;
-    }
-    clear && !moves
 }
 
 /// Returns `None` unless an axis that moved most has no effect on the error and no other axis is
@@ -303,47 +232,4 @@ fn lost(ramp: &[Spread; 3], rest: &[Spread; 3], variance: [f32; 3]) -> Option<bo
         }
     }
     lost.filter(|_| !others)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Returns variances for a ramp of the stage and a motion of the apparent target, steps².
-    fn ramp(axes: [[f32; 2]; 3]) -> [Spread; 3] {
-        axes.map(|[stage, target]| Spread {
-            stage,
-            error: stage,
-            target,
-        })
-    }
-
-    #[test]
-    fn target_that_stays_in_the_ramp_acquits() {
-        let variance = [0.1, 0.1, 5.0];
-        assert!(is_seen(
-            &ramp([[80.0, 1.0], [9.0, 0.5], [0.8, 3.4]]),
-            variance
-        ));
-        // A mount that is off by 20 %.
-        assert!(is_seen(
-            &ramp([[80.0, 3.2], [0.0, 0.1], [0.0, 5.0]]),
-            variance
-        ));
-        // One axis is right, and another, which moves as well, is not.
-        assert!(!is_seen(
-            &ramp([[80.0, 1.0], [20.0, 80.0], [0.0, 5.0]]),
-            variance
-        ));
-        // Too little motion to see.
-        assert!(!is_seen(
-            &ramp([[6.0, 0.1], [0.0, 0.1], [0.0, 5.0]]),
-            variance
-        ));
-        assert!(!is_seen(
-            &ramp([[0.0, 0.0], [0.0, 0.0], [40.0, 3.0]]),
-            variance
-        ));
-        assert!(!is_seen(&ramp([[0.0; 2]; 3]), variance));
-    }
 }

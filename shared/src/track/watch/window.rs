@@ -136,35 +136,6 @@ impl Window {
         }
     }
 
-    /// Returns the variance of the apparent target about its mean on each axis, while the stage
-    /// stands.
-    pub fn wander(&self) -> [f32; 3] {
-        let [n, ..] = self.times;
-        self.axes.each_ref().map(|sums| {
-            let [sum, ..] = sums.error;
-            within((sums.square - sum * sum / n) / (n - 1.0), 0.0, MOST)
-        })
-    }
-
-    /// Returns the straight line of the apparent target on each axis while the stage stands: its
-    /// difference from the error of `sample`, steps, and its slope, steps/ms. The slope is zero if
-    /// the target is `still`.
-    pub fn line(&self, sample: &Sample, still: bool) -> [[f32; 2]; 3] {
-        let (Some((_, _, first)), Some(basis)) = (self.first, Basis::new(&self.times)) else {
-            return [[0.0; 2]; 3];
-        };
-        let last = from(sample.error, first);
-        let [over, slope_over, _] = basis.over;
-        let ahead = self.span_ms * (1.0 / UNIT_MS) - basis.mean;
-        let [x, y, z] = self.axes.each_ref().map(|sums| {
-            let [sum, first, _] = basis.project(sums.error);
-            let slope = if still { 0.0 } else { first * slope_over };
-            [sum * over + slope * ahead, slope * (1.0 / UNIT_MS)]
-        });
-        let [lx, ly, lz] = last;
-        [[x[0] - lx, x[1]], [y[0] - ly, y[1]], [z[0] - lz, z[1]]]
-    }
-
     /// Returns the variances of each axis; zero for fewer than four frames.
     pub fn spreads(&self) -> [Spread; 3] {
         let Some(basis) = Basis::new(&self.times) else {
@@ -281,7 +252,7 @@ impl Basis {
 }
 
 /// Returns the difference of two positions, steps.
-pub(super) fn from([x, y, z]: StepVector, [a, b, c]: StepVector) -> [f32; 3] {
+fn from([x, y, z]: StepVector, [a, b, c]: StepVector) -> [f32; 3] {
     [
         steps(x.saturating_sub(a)),
         steps(y.saturating_sub(b)),
