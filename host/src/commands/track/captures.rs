@@ -184,8 +184,11 @@ impl<'a> Captures<'a> {
         let mut line = StatusLine::new(self.options.json || self.options.csv);
         // Start of the time without a keyframe, and its reason.
         let mut dark: Option<(u64, InputError)> = None;
+        // Sentences about the exposure for the next row. A keyframe has no row of its own.
+        let mut exposure = Vec::new();
         for capture in captures {
             let capture = capture?;
+            let noted = self.exposures.note(&capture);
             let followed = match self.servo.follow(&capture) {
                 Err(ServoError::Reference(refusal)) => {
                     let since_us = dark
@@ -206,6 +209,7 @@ impl<'a> Captures<'a> {
                 followed => followed.map_err(|error| Failure::of_servo(self.port, error))?,
             };
             dark = None;
+            exposure.extend(noted);
             if self.page.as_ref().is_some_and(TrackPage::is_stopped) {
                 return Err(Failure::of_station(self.port, page::stopped()));
             }
@@ -213,7 +217,7 @@ impl<'a> Captures<'a> {
                 summary.frames += 1;
                 summary.refused += usize::from(!followed.turn.outcome.is_used());
                 self.absences.warn(&followed.turn.absent);
-                let exposure = self.exposures.note(&capture);
+                let exposure = std::mem::take(&mut exposure);
                 match &mut line {
                     Some(line) if self.is_live => line.show(|rate| status(&followed, rate)),
                     _ => self.print(summary.frames, &followed, exposure, out)?,
