@@ -17,6 +17,8 @@ mod port;
 mod record;
 #[path = "live/slow.rs"]
 mod slow;
+#[path = "live/suspended.rs"]
+mod suspended;
 
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};

@@ -289,6 +289,27 @@ fn restarted_station_is_not_moved() {
     arrived(&serial, [80, 0, 0]);
 }
 
+/// A brown-out or the watchdog restarts the board, and the line of a serial adapter stays up.
+#[test]
+fn restart_without_unplugging_is_noticed() {
+    let end = station();
+    let mut serial = start(&end.path);
+    serial.command("setpoint", setpoint([50, 0, 0])).unwrap();
+    wait(&serial, |status| status.position_steps[0] > 80);
+    end.restart();
+    let error = back(&serial);
+    assert!(
+        matches!(error, StationError::Restarted { .. }) && error.to_string().contains("power on"),
+        "{error}"
+    );
+    let stood = end.steps();
+    assert!(matches!(
+        serial.resume(),
+        Err(StationError::Restarted { .. })
+    ));
+    assert_eq!(end.steps(), stood);
+}
+
 #[test]
 fn abandoned_motion_is_stopped_first() {
     let end = station();

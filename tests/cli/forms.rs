@@ -1,7 +1,7 @@
 //! The same scene in every form of images gives the same displacement.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use trinocular_core::rig::Rig;
 use trinocular_rig::random::Random;
@@ -328,19 +328,51 @@ fn read_by_all(desk: &Path, form: &str) {
     }
 }
 
+/// Makes a pipe for the video of each camera.
+#[cfg(unix)]
+fn pipes(desk: &Desk) -> Vec<PathBuf> {
+    fs::create_dir(desk.path("pipes")).expect("ours");
+    let paths = CAMERAS.map(|name| desk.path("pipes").join(format!("{name}.y4m")));
+    for path in &paths {
+        let made = std::process::Command::new("mkfifo").arg(path).status();
+        assert!(made.expect("mkfifo runs").success());
+    }
+    paths.into()
+}
+
+#[cfg(unix)]
+#[test]
+fn pipes_of_different_rates_are_refused() {
+    let shots = Shots::new();
+    let desk = Desk::new();
+    for (camera, path) in pipes(&desk).into_iter().enumerate() {
+        let mut video = shots.video(camera, 8);
+        if camera == 1 {
+            let at = video
+                .windows(2)
+                .position(|pair| pair == b" F")
+                .expect("a rate");
+            video[at + 2] += 1;
+        }
+        // The program leaves the pipes when it has seen the rates.
+        std::thread::spawn(move || fs::write(path, video));
+    }
+    let outcome = run(
+        desk.folder.path(),
+        &["estimate", "pipes", "--rig", "rig.toml"],
+    );
+    assert_eq!(outcome.code, Some(1), "{}", outcome.stderr);
+    for part in ["frames per second", "--pair order"] {
+        assert!(outcome.stderr.contains(part), "{}", outcome.stderr);
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn videos_come_through_pipes() {
     let shots = Shots::new();
     let desk = Desk::new();
-    fs::create_dir(desk.path("pipes")).expect("ours");
-    let mut paths = Vec::new();
-    for name in CAMERAS {
-        let path = desk.path("pipes").join(format!("{name}.y4m"));
-        let made = std::process::Command::new("mkfifo").arg(&path).status();
-        assert!(made.expect("mkfifo runs").success());
-        paths.push(path);
-    }
+    let paths = pipes(&desk);
     let writer = std::thread::spawn(move || {
         // One after the other, the last camera first.
         for (camera, path) in paths.iter().enumerate().rev() {

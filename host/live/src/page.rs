@@ -10,7 +10,9 @@
 //! To the page go the messages `hello`, `state`, `control`, `done` and `alive` (JSON) and image
 //! sets (binary, see `images`). The next image set waits until the last one was drawn. An action is
 //! `done` when the station has answered it; meanwhile the page may send further messages. `alive`
-//! comes every [`ALIVE`] whatever the run does, so that a page notices a program that hangs.
+//! comes every [`ALIVE`] whatever the run does, so that a page notices a program that hangs. An
+//! action other than stop that came while the program hung is refused when it goes on: the user has
+//! seen no answer, and may have gone.
 
 use crate::access::Access;
 use crate::controls::{Action, Reply};
@@ -33,6 +35,12 @@ const SEND_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Period of the sign of life.
 const ALIVE: Duration = Duration::from_millis(500);
+
+/// Time without any turn of the conversation after which the program was suspended or hung.
+const HUNG: Duration = Duration::from_millis(1_500);
+
+/// Time after that in which messages from before still come in.
+const LATE: Duration = Duration::from_millis(500);
 
 /// Longest time for the outcome of an action: longer than a stage ramps down before a reset.
 const OUTCOME_PATIENCE: Duration = Duration::from_secs(12);
@@ -79,6 +87,10 @@ struct Page {
     sent: u64,
     /// Number of the last image set that was drawn.
     drawn: u64,
+    /// Instant of the last turn of the conversation.
+    awake: Instant,
+    /// Instant until which actions may be from before a time in which the program hung.
+    late_until: Instant,
     /// Numbers of the actions without an outcome, each with its deadline, the earliest first.
     pending: VecDeque<(Instant, u64)>,
     outcomes: UnboundedReceiver<(u64, Outcome)>,
@@ -95,6 +107,7 @@ struct Gone;
 /// has shown a key.
 pub async fn attend(socket: WebSocket, hub: Arc<Hub>, is_open: bool) {
     let (outcome_sender, outcomes) = unbounded_channel();
+    let now = Instant::now();
     let mut page = Page {
         socket,
         controls: hub.controls(),
@@ -104,6 +117,8 @@ pub async fn attend(socket: WebSocket, hub: Arc<Hub>, is_open: bool) {
         noted: 0,
         sent: 0,
         drawn: 0,
+        awake: now,
+        late_until: now,
         pending: VecDeque::new(),
         outcomes,
         outcome_sender,
@@ -144,11 +159,15 @@ impl Page {
                 biased;
                 // This page keeps a sender, so that there is always a next outcome.
                 Some((id, outcome)) = self.outcomes.recv() => self.finish(id, outcome).await?,
-                message = self.socket.recv() => self.take(message).await?,
+                message = self.socket.recv() => {
+                    self.wake();
+                    self.take(message).await?;
+                }
                 () = sleep_until(deadline.unwrap_or(alive)), if deadline.is_some() => {
                     self.give_up().await?;
                 }
                 () = sleep_until(alive) => {
+                    self.wake();
                     alive = Instant::now() + ALIVE;
                     self.send(Message::text(json!({"type": "alive"}).to_string())).await?;
                 }
@@ -162,6 +181,16 @@ impl Page {
                 }
             }
         }
+    }
+
+    /// Notices that the program hung since the last turn. The sign of life makes a turn at least
+    /// every [`ALIVE`].
+    fn wake(&mut self) {
+        let now = Instant::now();
+        if now.duration_since(self.awake) > HUNG {
+            self.late_until = now + LATE;
+        }
+        self.awake = now;
     }
 
     /// Sends what is new.
@@ -281,6 +310,11 @@ impl Page {
         if matches!(action, Action::Stop {}) {
             handle.controls.stop();
             return Some(Ok(()));
+        }
+        if Instant::now() < self.late_until {
+            let reason = "the program hung when this was sent, so it was not done: see what the \
+                          stage does, and send it again";
+            return Some(Err(reason.to_owned()));
         }
         if self.pending.len() >= MOST_PENDING {
             let reason = format!("{MOST_PENDING} actions of this page have no answer yet; wait");

@@ -254,6 +254,10 @@ fn run_captures<W: Write>(
 ) -> Result<(), Failure> {
     let mut captures = captures.peekable();
     let first = captures.next();
+    // The reason why it cannot be read is also why there is no second one.
+    if let Some(Err(error)) = &first {
+        return Err(error.clone().into());
+    }
     let (Some(first), Some(_)) = (first.as_ref(), captures.peek()) else {
         let count = usize::from(first.is_some());
         let reason = format!("{count} frame set; a displacement takes at least two");

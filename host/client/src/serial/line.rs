@@ -4,7 +4,8 @@
 //! for [`SILENCE`]. From then on the port is closed, and opened again and greeted every [`RETRY`],
 //! until a station answers or the patience ends. A pseudo-terminal is not opened again by its own
 //! name ([`terminal`](super::terminal)). A line that came back stays interrupted, without
-//! heartbeat, until the caller calls `resume`. So no motion goes on because a plug was put back.
+//! heartbeat, until the caller calls `resume`. So no motion goes on because a plug was put back. The
+//! line also goes down when the station has forgotten its configuration: it restarted.
 //!
 //! This module also repeats a stop, once begun, until it is answered or given up (`stop`).
 
@@ -85,6 +86,8 @@ pub(super) struct Line {
     heard: Instant,
     link: Link,
     interruption: Option<Interruption>,
+    /// True once a status has shown the configuration that this program has sent.
+    is_configured: bool,
     /// Session that commands belong to; `None` before the first hello.
     session: Option<u32>,
     /// Time for reconnecting a lost line.
@@ -132,6 +135,7 @@ impl Line {
             heard: Instant::now(),
             link: Link::Up,
             interruption: None,
+            is_configured: false,
             session: None,
             patience: match owner {
                 // When the owner is gone, so is the knowledge of what it did.
@@ -317,6 +321,10 @@ impl Line {
         if let Some(reason) = self.sender.broken() {
             return self.lose(reason);
         }
+        if self.has_forgotten() {
+            // The hello that follows tells the reset's cause.
+            return self.go_down("the station restarted".to_owned());
+        }
         let is_pinged = self.pings && self.interruption.is_none();
         if is_pinged && self.heard.elapsed() > SILENCE {
             let reason = format!("no answer for {} s", SILENCE.as_secs());
@@ -326,6 +334,17 @@ impl Line {
                 None => self.lose(reason),
             }
         }
+    }
+
+    /// Returns true if the station lost the configuration that it had from this program: it
+    /// restarted while the line stayed up, after a brown-out or by its watchdog.
+    fn has_forgotten(&mut self) -> bool {
+        let Some(state) = self.client.status().map(|status| status.state) else {
+            return false;
+        };
+        let is_configured = self.configuration.is_some() && state != State::Unconfigured;
+        self.is_configured |= is_configured;
+        self.is_configured && !is_configured && self.interruption.is_none()
     }
 
     fn lose(&mut self, reason: String) {
@@ -347,6 +366,7 @@ impl Line {
                 observer.line_lost(self.sender.now_us(), &reason);
             }
             self.sender.set_pings(false);
+            self.is_configured = false;
             let since = Instant::now();
             self.client.begin_again();
             self.link = Link::Down {

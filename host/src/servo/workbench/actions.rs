@@ -13,9 +13,19 @@ use trinocular_live::controls::{Action, Reply};
 const STILL_MOVES: &str =
     "the stage still moves: wait until it stands, or stop it; this jog was not done";
 
+/// Refusal of a request that the run did not come to in time.
+const STALE: &str = "the run came to this too late, so it was not done: see what the stage does, \
+                     and send it again";
+
 impl<B: Bench> Workbench<B> {
     /// Does what a page asks for, and answers it.
-    pub(super) fn act(&mut self, Request { action, reply }: Request) -> Result<(), ServoError> {
+    pub(super) fn act(&mut self, request: Request) -> Result<(), ServoError> {
+        let is_stale = request.is_stale();
+        let Request { action, reply, .. } = request;
+        if is_stale {
+            reply.send(Err(STALE.to_owned()));
+            return Ok(());
+        }
         match action {
             Action::Reset {} => {
                 self.begin_reset(Some(reply));

@@ -1,6 +1,7 @@
 //! Way of the pages' requests to the loop.
 
 use std::sync::mpsc::{SyncSender, TrySendError};
+use std::time::{Duration, Instant};
 use trinocular_client::serial::Stopper;
 use trinocular_live::Controls;
 use trinocular_live::controls::{Action, Offers, Reply};
@@ -8,11 +9,31 @@ use trinocular_live::controls::{Action, Offers, Reply};
 /// Name of the page in messages.
 const PAGE: &str = "the live page";
 
+/// Age from which on a request other than a stop is not done any more: the user has seen no effect,
+/// and may have done something else since.
+const STALE: Duration = Duration::from_secs(5);
+
 /// Request of a page, and the way back to it.
 #[derive(Debug)]
 pub(super) struct Request {
     pub action: Action,
     pub reply: Reply,
+    asked: Instant,
+}
+
+impl Request {
+    fn new(action: Action, reply: Reply) -> Self {
+        Self {
+            action,
+            reply,
+            asked: Instant::now(),
+        }
+    }
+
+    /// Returns true if the request is too old to be done.
+    pub fn is_stale(&self) -> bool {
+        !matches!(self.action, Action::Stop {}) && self.asked.elapsed() > STALE
+    }
 }
 
 /// Controls of a workbench, for the threads of its pages.
@@ -33,16 +54,14 @@ impl Controls for Desk {
             stopper.stop(PAGE);
         }
         // The loop notices the stop by itself; a full queue is no reason to fail.
-        let _ = self.requests.try_send(Request {
-            action: Action::Stop {},
-            reply: Reply::new(|_| {}),
-        });
+        let stop = Request::new(Action::Stop {}, Reply::new(|_| {}));
+        let _ = self.requests.try_send(stop);
     }
 
     fn request(&self, action: Action, reply: Reply) {
         // A request that comes back after the end of the run says so by itself.
-        if let Err(TrySendError::Full(request)) = self.requests.try_send(Request { action, reply })
-        {
+        let request = Request::new(action, reply);
+        if let Err(TrySendError::Full(request)) = self.requests.try_send(request) {
             let reason = "the station is busy; try again".to_owned();
             request.reply.send(Err(reason));
         }

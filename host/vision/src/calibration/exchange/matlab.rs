@@ -40,12 +40,16 @@ pub(super) fn parse<'a>(file: &'a Path, text: &'a str) -> Result<Document<'a>, I
     let (line, focal) = known("fc", Some(2))?;
     let (_, centre) = known("cc", Some(2))?;
     let (kc_line, coefficients) = known("kc", None)?;
-    let skew = match value(text, "alpha_c") {
-        Some((_, skew)) if skew.len() == 1 => skew[0],
-        _ => "0",
-    };
+    if let Some((line, skew)) = value(text, "alpha_c") {
+        let is_zero = |number: &&str| number.parse::<f64>().is_ok_and(|skew| skew == 0.0);
+        if !skew.iter().all(is_zero) {
+            let reason = "must be 0: a lens model with skewed pixels is not read; calibrate without \
+                          est_alpha";
+            return Err(InputError::field(file, line, "alpha_c", reason));
+        }
+    }
     let matrix = [
-        focal[0], skew, centre[0], "0", focal[1], centre[1], "0", "0", "1",
+        focal[0], "0", centre[0], "0", focal[1], centre[1], "0", "0", "1",
     ];
     let mut entries = vec![
         (

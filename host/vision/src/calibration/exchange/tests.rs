@@ -679,12 +679,7 @@ fn matlab_file_is_read() {
     assert_eq!(file.lens.0, expected);
     assert_eq!((file.motion, file.places.matrix.line), (None, 4));
     for (from, to, line, reason) in [
-        (
-            "alpha_c = 0.000",
-            "alpha_c = 0.001",
-            Some(4),
-            "must be [fx 0 cx",
-        ),
+        ("alpha_c = 0.000", "alpha_c = 0.001", Some(8), "must be 0"),
         ("302.983690 ;", "", Some(6), "expected 2 numbers, found 1"),
         ("nx = 640;", "", None, "nx is missing"),
         ("-0.255584", "x", Some(10), "not a finite number"),
