@@ -183,6 +183,7 @@ fuzz_target!(|edits: Vec<Edit>| {
         rig: rig.rig,
         names: rig.names,
         estimator: Estimator::Midpoint,
+        pivot: rig.pivot,
         twin: Some("twin".to_owned()),
     };
     if let Err(error) = replay::replay(&source, &settings, |_| {}) {
