@@ -1,5 +1,6 @@
 """Threads, signals, memory, processes."""
 
+import functools
 import gc
 import multiprocessing
 import os
@@ -89,7 +90,9 @@ def child(code, *, at):
     """Start Python code, wait for the word `at`, send Ctrl-C; return code and error."""
     words = [sys.executable, "-u", "-c", textwrap.dedent(code)]
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    process = subprocess.Popen(words, **options, cwd=ROOT)
+    # A shell that starts tests in the background lets them ignore Ctrl-C, and so their children.
+    heed = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    process = subprocess.Popen(words, **options, cwd=ROOT, preexec_fn=heed)
     assert process.stdout.readline().strip() == at
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)
