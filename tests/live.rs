@@ -43,6 +43,7 @@ fn setup() -> Setup {
         rig: Rig::paper(),
         stage: default_stage(),
         mounting: Mounting::OnStage,
+        scale: None,
     }
 }
 

@@ -45,8 +45,8 @@ fn pixel_phase_causes_no_common_bias() {
     }
 }
 
-/// Targets that turn, alone and beside other objects, with two posters: no gross error, with and
-/// without a rotation.
+/// Targets that turn, alone and beside other objects, with two posters: no gross error with a
+/// rotation.
 #[test]
 fn turning_targets_have_no_gross_error() {
     let rows = turning_study::sweep::run(2, 2, |_| {}).expect("scenes that can be rendered");

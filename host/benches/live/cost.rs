@@ -36,6 +36,7 @@ fn measure(seconds: u32, pages: usize) {
         rig: rig.clone(),
         stage: default_stage(),
         mounting: Mounting::OnStage,
+        scale: None,
     };
     let scene = Scene::new(&rig, &Texture::natural(1), SceneSettings::default()).expect("a scene");
     let mut flow = Flow::new(&rig, FlowSettings::default()).expect("a rig");

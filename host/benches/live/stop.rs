@@ -43,6 +43,7 @@ pub fn run(count: usize) {
         rig: rig.clone(),
         stage: stage.clone(),
         mounting: Mounting::OnStage,
+        scale: None,
     });
     let hub = hub.expect("a thread");
     let midpoint = Estimator::Midpoint;

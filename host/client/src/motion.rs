@@ -113,6 +113,11 @@ impl Motion {
         self.ramp.is_some()
     }
 
+    /// Returns true if the stage may move because of what was sent: a motion or its ramp.
+    pub fn is_open(&self) -> bool {
+        self.may_go_on() || self.is_on_its_ramp()
+    }
+
     /// Marks every motion as ended, by other knowledge than a status.
     pub fn ended(&mut self) {
         self.moving = None;

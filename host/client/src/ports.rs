@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     #[cfg(unix)]
-    fn unplugged_twin_is_no_absent_one() {
+    fn unplugged_twin_is_told_from_absent_one() {
         use crate::twin::far_end::{Plug as _, PseudoTerminal};
         let folder = tempfile::tempdir().expect("a folder");
         let link = folder.path().join("station");

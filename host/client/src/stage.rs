@@ -125,6 +125,21 @@ pub fn configuration(stage: &Stage, mounting: Mounting) -> Result<Config, Statio
     })
 }
 
+/// Returns the [`configuration`] of a stage with another heartbeat timeout, ms.
+///
+/// # Errors
+/// As [`configuration`].
+pub fn configuration_at(
+    stage: &Stage,
+    mounting: Mounting,
+    heartbeat_ms: u16,
+) -> Result<Config, StationError> {
+    Ok(Config {
+        heartbeat_ms,
+        ..configuration(stage, mounting)?
+    })
+}
+
 /// Converts to thousandths: mm to µm, s to ms.
 fn micro<T: TryFrom<i64>>(field: &str, value: f64) -> Result<T, StationError> {
     let scaled = (value * 1e3).round();

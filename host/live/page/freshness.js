@@ -15,7 +15,7 @@ export class Freshness {
     this.hasEnded = false;
     setInterval(() => this.look(), LOOK_MS);
     // A browser that was hidden or asleep looks late: what waits is taken first.
-    document.addEventListener("visibilitychange", () => this.heard());
+    document.addEventListener("visibilitychange", () => { this.heardAt = performance.now(); });
   }
 
   heard() {
@@ -44,8 +44,7 @@ export class Freshness {
     if (silence > SILENCE_MS) {
       return this.say(`STALE: the program has not answered for ${age(silence)}; it hangs or is ` +
         "suspended. What is shown is old, and STOP here does not reach the station. If the stage " +
-        "moves, press the emergency stop. Then continue the program (fg in its terminal), or " +
-        "end it.");
+        "moves, press the emergency stop. Then continue the program (kill -CONT), or end it.");
     }
     if (this.turns !== null && standstill > STANDSTILL_MS) {
       return this.say(`STALE: no new images for ${age(standstill)}. The program runs, and STOP ` +

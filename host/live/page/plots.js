@@ -59,7 +59,8 @@ const GAP_S = 0.5, USUAL_PAUSES = 2.5;
 
 // Puts an empty sample into every pause, so that no line leads across it.
 export function withGaps(samples) {
-  const pauses = samples.slice(1).map((sample, index) => sample[AT] - samples[index][AT]);
+  const recent = samples.slice(-101);
+  const pauses = recent.slice(1).map((sample, index) => sample[AT] - recent[index][AT]);
   const usual = pauses.sort((a, b) => a - b)[pauses.length >> 1] ?? 0;
   const longest = Math.max(GAP_S, USUAL_PAUSES * usual);
   return samples.flatMap((sample, index) => {

@@ -31,6 +31,8 @@ pub struct Setup {
     pub stage: Stage,
     /// Place of the cameras.
     pub mounting: Mounting,
+    /// Origin of mm and limits, in words, if it is not the station.
+    pub scale: Option<String>,
 }
 
 /// One turn of the loop.
@@ -77,7 +79,6 @@ pub struct Hub {
     clients: AtomicUsize,
     controls: Mutex<Option<ControlsHandle>>,
     drop_source: OnceLock<DropSource>,
-    scale: OnceLock<String>,
 }
 
 /// Function that counts the images of each camera that never came to the loop, by reason.
@@ -130,7 +131,6 @@ impl Hub {
             clients: AtomicUsize::new(0),
             controls: Mutex::default(),
             drop_source: OnceLock::new(),
-            scale: OnceLock::new(),
         });
         let mut encoder = Encoder::new(&hub.setup.rig);
         let theirs = Arc::downgrade(&hub);
@@ -196,11 +196,6 @@ impl Hub {
     /// first source stays.
     pub fn set_drop_source(&self, source: DropSource) {
         let _ = self.drop_source.set(source);
-    }
-
-    /// Shows the origin of the page's mm and limits beside them. The first one stays.
-    pub fn set_scale(&self, scale: String) {
-        let _ = self.scale.set(scale);
     }
 
     /// Adds a note to the list of every page.
@@ -296,6 +291,7 @@ impl Hub {
             rig,
             stage,
             mounting,
+            scale,
         } = &self.setup;
         let offers = self.controls().map(|handle| handle.controls.offers());
         json!({
@@ -305,7 +301,7 @@ impl Hub {
             "cameras": cameras,
             "size_px": rig.image_size_px,
             "travel_mm": stage.travel_mm,
-            "scale": self.scale.get(),
+            "scale": scale,
             "on_stage": *mounting == Mounting::OnStage,
             "has_control": offers.is_some(),
             "offers": offers.unwrap_or_default(),

@@ -146,6 +146,8 @@ impl Page {
     }
 
     async fn serve(&mut self) -> Result<(), Gone> {
+        // The wait for a key was no silence of the program.
+        self.awake = Instant::now();
         let hello = self.hub.hello();
         self.send(Message::text(hello.to_string())).await?;
         let mut changed = self.hub.subscribe();
@@ -312,8 +314,8 @@ impl Page {
             return Some(Ok(()));
         }
         if Instant::now() < self.late_until {
-            let reason = "the program hung when this was sent, so it was not done: see what the \
-                          stage does, and send it again";
+            let reason = "the program or the connection hung when this was sent, so it was not \
+                          done: see what the stage does, and send it again";
             return Some(Err(reason.to_owned()));
         }
         if self.pending.len() >= MOST_PENDING {

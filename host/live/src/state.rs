@@ -204,7 +204,6 @@ fn condition(status: &Status) -> Value {
         "meaning": state.meaning,
         "next": diagnosis::next_step(status),
         "fault": fault,
-        "trust": diagnosis::trust(status.trust),
         "position": diagnosis::position(status.trust),
         "sight": diagnosis::sight(status.sight),
         "seen_ms": status.seen_ms,

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use trinocular_client::allowance::Allowance;
 use trinocular_client::diagnosis::{self, remedy};
 use trinocular_client::serial::Serial;
-use trinocular_client::stage::{HEARTBEAT_MS, configuration};
+use trinocular_client::stage::{HEARTBEAT_MS, configuration_at};
 use trinocular_client::{StationError, ports};
 use trinocular_core::frame::message::{Command, Denial, Mounting, Status};
 use trinocular_core::safety::{Fault, State};
@@ -201,14 +201,9 @@ impl Hand {
         let (Some(stage), Some(path)) = (stage, &argument.rig) else {
             return Ok(());
         };
-        let config = configuration(stage, Mounting::OnStage)
+        let config = configuration_at(stage, Mounting::OnStage, argument.heartbeat)
             .map_err(|error| InputError::file(path, error.to_string()))?;
-        let heartbeat_ms = argument.heartbeat;
-        let config = Command::Config(trinocular_core::frame::message::Config {
-            heartbeat_ms,
-            ..config
-        });
-        self.command("config", config).map(|_| ())
+        self.command("config", Command::Config(config)).map(|_| ())
     }
 
     /// Starts the heartbeat, and waits until the station has answered a ping.

@@ -19,7 +19,7 @@ use serde::Serialize;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::estimation;
+use trinocular_vision::estimation::{self, Rule};
 use trinocular_vision::flow::mistake::explain_keyframe;
 use trinocular_vision::flow::{Flow, FlowSettings, remarks as camera_remarks};
 use trinocular_vision::images::FrameSet;
@@ -182,13 +182,13 @@ enum Reference {
 /// Runs the command.
 pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failure> {
     let method = options.method.unwrap_or(Method::Midpoint);
-    let is_points = !is_recording(&options.input) && !options.input.is_dir();
+    let is_recorded = is_recording(&options.input);
+    let is_folder = options.input.is_dir() && !is_recorded;
+    let is_points = !is_recorded && !is_folder;
+    options.pair.goes_with(is_folder, "a folder")?;
+    options.region.goes_with(!is_points, "images")?;
     let read = |path: &PathBuf| method.read_rig(path);
     let rig = options.rig.as_ref().map(read).transpose()?;
-    let pose = rig
-        .as_ref()
-        .map_or(options.pose, |rig| options.pose.of_rig(rig, options.method));
-    pose.check(options.method, is_points)?;
     let printer = Printer {
         options,
         method,
@@ -200,21 +200,31 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
         exposure: Vec::new(),
         absent: Vec::new(),
     };
-    let is_folder = options.input.is_dir() && !is_recording(&options.input);
-    options.pair.goes_with(is_folder, "a folder")?;
-    options.region.goes_with(!is_points, "images")?;
-    if is_recording(&options.input) {
+    if is_recorded {
         let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;
         method.check(&options.input, &rig)?;
-        return run_captures(options, &rig, frames.frame_sets(), printer);
+        let rule = options.rule(&rig, is_points)?;
+        return run_captures(options, &rig, rule, frames.frame_sets(), printer);
     }
     let Some(rig) = rig else {
         return Err(rig_missing("estimate INPUT --rig <RIG.toml>"));
     };
-    if options.input.is_dir() {
-        run_folder(options, &rig, printer)
-    } else {
-        run_points(options, &rig, printer)
+    let rule = options.rule(&rig, is_points)?;
+    match is_folder {
+        true => {
+            let folder = options.pair.open(&options.input, &rig)?;
+            run_captures(options, &rig, rule, folder.frame_sets(), printer)
+        }
+        false => run_points(options, &rig, rule, printer),
+    }
+}
+
+impl EstimateOptions {
+    /// Returns the rule of the estimate from the options and the rig file.
+    fn rule(&self, rig: &RigFile, is_points: bool) -> Result<Rule, Failure> {
+        let pose = self.pose.of_rig(rig, self.method);
+        pose.check(self.method, is_points)?;
+        Ok(pose.rule(self.method))
     }
 }
 
@@ -222,33 +232,21 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
 fn run_points<W: Write>(
     options: &EstimateOptions,
     rig: &RigFile,
+    rule: Rule,
     mut printer: Printer<'_, W>,
 ) -> Result<(), Failure> {
     let points = points::read(&options.input, rig)?;
     printer.warnings = points.warnings();
-    let rule = options
-        .pose
-        .of_rig(rig, options.method)
-        .rule(options.method);
     let solution = rule.of_points(&rig.rig, &points, &mut printer.warnings);
     printer.solution(solution, points.correspondences.len(), points.rejected)?;
     printer.finish()
-}
-
-/// Estimates a displacement for each frame set of a folder but the first.
-fn run_folder<W: Write>(
-    options: &EstimateOptions,
-    rig: &RigFile,
-    printer: Printer<'_, W>,
-) -> Result<(), Failure> {
-    let folder = options.pair.open(&options.input, rig)?;
-    run_captures(options, rig, folder.frame_sets(), printer)
 }
 
 /// Estimates a displacement for each frame set but the first.
 fn run_captures<W: Write>(
     options: &EstimateOptions,
     rig: &RigFile,
+    rule: Rule,
     captures: impl Iterator<Item = Result<FrameSet, InputError>>,
     mut printer: Printer<'_, W>,
 ) -> Result<(), Failure> {
@@ -282,10 +280,6 @@ fn run_captures<W: Write>(
     // A badly exposed keyframe spoils every row; the first one names it.
     let mut of_keyframe = exposures.note(first);
     let mut reference = refer_to(&mut flow, first);
-    let rule = options
-        .pose
-        .of_rig(rig, options.method)
-        .rule(options.method);
     for capture in captures {
         let capture = match capture {
             Ok(capture) => capture,

@@ -39,6 +39,11 @@ impl PortOption {
         path.map_err(|error| Failure::of_station(None, error))
     }
 
+    /// Returns the heartbeat timeout, ms.
+    pub const fn heartbeat_ms(&self) -> u16 {
+        self.heartbeat
+    }
+
     /// Returns the place of the station.
     pub fn place<'a>(&self, port: Option<&'a str>) -> StationPlace<'a> {
         match port {

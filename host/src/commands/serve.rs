@@ -6,6 +6,7 @@ mod simulated;
 mod station;
 
 use super::live_page::LivePage;
+use super::port::PortOption;
 use super::range;
 use super::record::{Origin, RecordOption};
 use super::scene::SceneOptions;
@@ -13,7 +14,6 @@ use crate::commands::by_hand::on_interrupt;
 use crate::commands::failure::Failure;
 use clap::Args;
 use recordings::FolderRecordings;
-use station::StationOption;
 use std::io::Write;
 use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
@@ -35,6 +35,17 @@ const ESTIMATOR: Estimator = Estimator::Midpoint;
 const CAMERAS: &str = "With --cameras";
 const SCENE: &str = "Without --cameras: the simulated target";
 
+/// Help of `--port`, where it differs from that of other commands.
+const PORT: &str = "Show the station on this port instead of the built-in twin, in real time; \
+                    `auto` is the only one on USB, `twin` the one that `trinocular twin` simulates";
+const PORT_CHANGES: &str = "Without --control and --follow nothing at the station is changed: no \
+                            configuration, no reset, no zero. With one of them it is configured; \
+                            a known position, a stop and faults stay as they are, and a position \
+                            that was never known becomes zero.";
+const HEARTBEAT: &str = "Heartbeat timeout, ms: the station on --port stops without a ping for \
+                         this time. Raise it on a loaded computer. A page that only shows does \
+                         not set it";
+
 /// Show a station on a page in the browser, and control it from there
 ///
 /// Without a port the station is a simulated one in real time, whose cameras watch a moving poster:
@@ -45,6 +56,8 @@ const SCENE: &str = "Without --cameras: the simulated target";
 /// Runs until Ctrl-C, which stops the stage.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
+#[command(mut_arg("port", |port| port.help(PORT).long_help(format!("{PORT}\n\n{PORT_CHANGES}"))))]
+#[command(mut_arg("heartbeat", |heartbeat| heartbeat.help(HEARTBEAT)))]
 pub struct ServeOptions {
     /// Address of the page. One that other computers reach needs --control, and then opens only by
     /// the control link
@@ -67,7 +80,7 @@ pub struct ServeOptions {
     foxglove: Option<SocketAddr>,
 
     #[command(flatten)]
-    station: StationOption,
+    station: PortOption,
 
     /// The rig file (TOML): its cameras, and its stage
     ///
@@ -220,6 +233,7 @@ fn serve<B: Bench>(
     recording: PageRecording,
     drops: Option<DropSource>,
 ) -> Result<(), Failure> {
+    let source = station::source(options.rig.as_deref(), rig);
     let setup = Setup {
         station: match port {
             Some(_) => bench.station().name(),
@@ -229,19 +243,20 @@ fn serve<B: Bench>(
         rig: rig.rig.clone(),
         stage: stage.clone(),
         mounting,
+        scale: port.and_then(|_| station::scale(options, &source)),
     };
+    let scale = setup.scale.clone();
     let mut page = LivePage::open(listener, setup)?;
     if let Some(address) = options.foxglove {
         page.stream(address)?;
     }
     let hub = Arc::clone(page.hub());
     if port.is_some() {
-        let arrival = station::arrival(bench.station(), options);
+        let arrival = station::arrival(bench.station(), options, &source);
         notice!("{arrival}");
         hub.note(arrival);
-        if let Some(scale) = station::scale(options) {
+        if let Some(scale) = scale {
             notice!("{scale}");
-            hub.set_scale(scale);
         }
     } else if let Some(serial) = bench.station().serial_mut() {
         serial.set_ends_with_station();
@@ -250,6 +265,7 @@ fn serve<B: Bench>(
         hub.set_drop_source(drops);
     }
     let (mut bench, desk) = Workbench::new(bench, &rig.rig, stage, ESTIMATOR, hub, recording);
+    bench.set_pivot(rig.pivot);
     if options.control {
         page.control(Arc::new(desk))?;
     }

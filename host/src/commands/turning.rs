@@ -13,8 +13,9 @@ pub struct TurningOptions {
     /// [default: the rig file's `rotation`, or refuse]
     ///
     /// `estimate` measures turns of up to 12 degrees since the first frame set. The rows then have
-    /// the rotation vector with its standard deviation, and the pivot. It takes about three times
-    /// the time of `refuse`, and the estimator midpoint.
+    /// the rotation vector with its standard deviation, and the pivot. It needs the estimator
+    /// midpoint, and several times the time of `refuse`, the more the further the target has turned
+    /// about z.
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
 
@@ -43,11 +44,14 @@ impl TurningOptions {
                 *pivot = given;
                 Ok(())
             }
-            (Some(_), None) => Err(Failure::Usage(
-                "--pivot: without a rotation all points of the target move alike; give \
-                 --rotation estimate"
-                    .to_owned(),
-            )),
+            (Some(_), None) => Err(pivot_alone()),
         }
     }
+}
+
+/// Returns the refusal of a pivot without a rotation.
+pub fn pivot_alone() -> Failure {
+    let reason = "--pivot: without a rotation all points of the target move alike; give \
+                  --rotation estimate";
+    Failure::Usage(reason.to_owned())
 }

@@ -11,12 +11,10 @@ use std::thread::sleep;
 use std::time::{Duration, Instant as HostInstant};
 use trinocular_client::observer::StationObserver;
 use trinocular_client::serial::Serial;
-use trinocular_client::stage::configuration;
+use trinocular_client::stage::configuration_at;
 use trinocular_client::twin::Twin;
 use trinocular_client::{StationError, plausible};
-use trinocular_core::frame::message::{
-    Command, Config, Denial, EstimateReport, Frame, Mounting, Status,
-};
+use trinocular_core::frame::message::{Command, Denial, EstimateReport, Frame, Mounting, Status};
 use trinocular_core::time::Instant;
 use trinocular_rig::rig_file::Stage;
 
@@ -144,12 +142,12 @@ impl StationLink {
                 Ok(Self::Twin(Box::new(twin)))
             }
             StationPlace::Port { path, heartbeat_ms } => {
-                let configuration = at_pace(stage, mounting, heartbeat_ms)?;
+                let configuration = configuration_at(stage, mounting, heartbeat_ms)?;
                 let serial = Serial::start_observed(path, configuration, observer)?;
                 Ok(Self::live(serial, stage))
             }
             StationPlace::Kept { path, heartbeat_ms } => {
-                let configuration = at_pace(stage, mounting, heartbeat_ms)?;
+                let configuration = configuration_at(stage, mounting, heartbeat_ms)?;
                 let serial = Serial::take_over(path, configuration, observer)?;
                 Ok(Self::live(serial, stage))
             }
@@ -395,14 +393,6 @@ impl StationLink {
             Self::Live(live) => Some(&mut live.serial),
         }
     }
-}
-
-/// Returns the configuration of a stage with this heartbeat timeout.
-fn at_pace(stage: &Stage, mounting: Mounting, heartbeat_ms: u16) -> Result<Config, StationError> {
-    Ok(Config {
-        heartbeat_ms,
-        ..configuration(stage, mounting)?
-    })
 }
 
 const SILENT: StationError = StationError::Silent {

@@ -32,6 +32,7 @@ use trinocular_core::rig::Rig;
 use trinocular_core::time::Instant;
 use trinocular_live::Hub;
 use trinocular_live::controls::{Offers, Reply};
+use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::Stage;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::sums::Estimator;
@@ -81,6 +82,8 @@ pub struct Workbench<B> {
     rig: Rig,
     stage: Stage,
     estimator: Estimator,
+    /// Point of a turning target that is followed, if its rotation is estimated.
+    pivot: Option<Pivot>,
     hub: Arc<Hub>,
     requests: Receiver<Request>,
     servo: Option<VisualServo>,
@@ -120,6 +123,7 @@ impl<B: Bench> Workbench<B> {
             rig: rig.clone(),
             stage: stage.clone(),
             estimator,
+            pivot: None,
             hub,
             requests,
             servo: None,
@@ -138,6 +142,12 @@ impl<B: Bench> Workbench<B> {
             // Only taking it back can fail.
             let _ = serial.set_access(Access::Open);
         }
+    }
+
+    /// Estimates the rotation of the target and follows this point of it, or refuses a target that
+    /// turns, from the next start on.
+    pub fn set_pivot(&mut self, pivot: Option<Pivot>) {
+        self.pivot = pivot;
     }
 
     /// Starts to follow with the next images, without a request.
@@ -326,6 +336,7 @@ impl<B: Bench> Workbench<B> {
         match VisualServo::new(&self.rig, self.estimator) {
             Ok(mut servo) => {
                 servo.set_observers(self.observers());
+                servo.set_pivot(self.pivot);
                 self.servo = Some(servo);
                 self.hub.set_following(true);
                 Ok(())

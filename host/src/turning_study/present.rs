@@ -1,4 +1,4 @@
-//! The counts as a table for the screen, as Markdown and as JSON.
+//! The counts as a table for the screen and as JSON.
 
 use super::sweep::Row;
 use crate::accuracy_study::tally::Tally;
@@ -34,7 +34,7 @@ pub fn table(rows: &[Row], by_noise: bool) -> Table {
         "error²/sigma² T R",
         "without rotation",
         "refused",
-        "gross T R, alone",
+        "gross T R, without",
         "vague",
     ];
     let caption = "Targets that turn by up to 12 degrees".to_owned();

@@ -29,7 +29,8 @@ pub struct Row {
     pub turned: Tally,
     /// Displacements measured as if nothing turned.
     pub displaced: Tally,
-    /// Number of those whose standard deviation is above [`VAGUE_MM`].
+    /// Number of displacements, with and without a rotation, whose standard deviation is above
+    /// [`VAGUE_MM`].
     pub vague: u32,
 }
 

@@ -30,6 +30,7 @@ use crate::flow::{CameraRefusal, Correspondence, Flow};
 use crate::images::FrameSet;
 use crate::points::Points;
 use crate::sums::Sums;
+use serde::Serialize;
 use trinocular_core::estimate::Refusal;
 use trinocular_core::estimate::pose::{self, Estimate, Observation};
 use trinocular_core::rig::Rig;
@@ -64,7 +65,7 @@ pub enum Rotation {
 }
 
 /// Rotation of the target about the axes of the cameras.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Turn {
     /// Rotation vector, degrees; `None` if the points do not determine it.
     pub rotation_deg: Option<[f64; 3]>,
@@ -73,6 +74,7 @@ pub struct Turn {
     /// Point of the target at the reference instant whose displacement is stated, mm.
     pub pivot_mm: Option<[f64; 3]>,
     /// True if noise imitates the rotation in less than one of 1,000 cases.
+    #[serde(skip)]
     pub is_significant: bool,
 }
 
@@ -93,10 +95,7 @@ pub struct Solution {
 
 impl Solution {
     /// Refuses numbers that are not finite.
-    ///
-    /// # Errors
-    /// [`Refusal::OutOfRange`] in words.
-    pub fn finite(self) -> Result<Self, String> {
+    fn finite(self) -> Result<Self, String> {
         let turn = self.turn.unwrap_or_default();
         let lists = [
             Some(self.displacement_mm),

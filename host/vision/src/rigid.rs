@@ -23,7 +23,7 @@ pub fn motion(geometry: &Geometry, all: &[Observation], far: f64) -> Option<Esti
     if all.is_empty() {
         return None;
     }
-    let stride = all.len().div_ceil(MOST_JUDGES).max(1);
+    let stride = all.len().div_ceil(MOST_JUDGES);
     let judges: Vec<Observation> = all.iter().copied().step_by(stride).collect();
     let mut random = Random::seeded(all.len() as u64);
     let samples = (0..SAMPLES).filter_map(|_| {

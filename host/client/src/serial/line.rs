@@ -128,7 +128,8 @@ impl Line {
             port: Some(reader),
             sender,
             path: path.to_owned(),
-            terminal,
+            // A guest opens no port.
+            terminal: terminal.filter(|_| owner.is_none()),
             client: Client::default(),
             pings: false,
             stop: Stop::default(),
@@ -243,9 +244,8 @@ impl Line {
 
     /// Returns true if the stage moves, or may move because of what went over this line.
     pub fn is_moving(&self) -> bool {
-        let motion = self.client.motion();
-        let is_open = motion.may_go_on() || motion.is_on_its_ramp();
-        is_open || (self.client.status()).is_some_and(|status| status.state.is_moving())
+        self.client.motion().is_open()
+            || (self.client.status()).is_some_and(|status| status.state.is_moving())
     }
 
     /// Sends hello.
@@ -328,10 +328,11 @@ impl Line {
         let is_pinged = self.pings && self.interruption.is_none();
         if is_pinged && self.heard.elapsed() > SILENCE {
             let reason = format!("no answer for {} s", SILENCE.as_secs());
-            // A silent pseudo-terminal is kept open, because its name may not be opened again.
-            match self.terminal {
-                Some(_) => self.go_down(reason),
-                None => self.lose(reason),
+            // A silent pseudo-terminal is kept open, because its name may not be opened again. A
+            // silent owner may go on; only one that closes the connection is lost.
+            match (&self.terminal, &self.owner) {
+                (None, None) => self.lose(reason),
+                _ => self.go_down(reason),
             }
         }
     }
@@ -410,11 +411,11 @@ impl Line {
         let is_back = self
             .terminal
             .is_some_and(|terminal| terminal.is_back(&self.path));
-        if self.sender.broken().is_some() || is_back && self.owner.is_none() {
+        if self.sender.broken().is_some() || is_back {
             self.set_port(None);
         }
         let is_broken = self.port.is_none();
-        let terminal = self.terminal.filter(|_| is_broken && self.owner.is_none());
+        let terminal = self.terminal.filter(|_| is_broken);
         let is_gone = terminal.is_some_and(|terminal| terminal.is_gone(&self.path));
         let is_spent = now.duration_since(since) > self.patience || self.session.is_none();
         if is_gone || is_spent {
@@ -425,8 +426,12 @@ impl Line {
             });
         } else if due && terminal.is_none_or(|terminal| terminal.is_back(&self.path)) {
             if is_broken {
-                self.terminal = Terminal::at(&self.path);
+                let terminal = Terminal::at(&self.path);
                 let halves = port::open(&self.path).ok();
+                // A link that did not open yet is still one made anew.
+                if halves.is_some() {
+                    self.terminal = terminal;
+                }
                 self.set_port(halves);
             }
             self.greet();

@@ -154,7 +154,7 @@ impl Serial {
                 let client = &mut line.client;
                 let status = client.status().copied();
                 let motion = client.motion();
-                let is_open = motion.may_go_on() || motion.is_on_its_ramp();
+                let is_open = motion.is_open();
                 if let Some(status) = &status
                     && !is_open
                     && !status.state.is_moving()
@@ -192,7 +192,7 @@ impl Serial {
                 IS_UNKNOWN.store(true, Ordering::Relaxed);
                 return;
             }
-            if !(may_go_on || motion.is_on_its_ramp()) {
+            if !motion.is_open() {
                 return;
             }
             if !line.is_up() {

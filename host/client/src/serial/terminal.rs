@@ -69,7 +69,7 @@ mod tests {
     use std::os::unix::fs::symlink;
 
     #[test]
-    fn name_of_its_own_never_comes_back() {
+    fn terminal_by_own_name_never_comes_back() {
         let far = FarEnd::open().expect("a pseudo-terminal");
         let terminal = Terminal::at(far.name()).expect("it is one");
         assert!(terminal.is_gone(far.name()) && !terminal.is_back(far.name()));

@@ -197,11 +197,8 @@ impl TcpPort {
     }
 
     /// Returns the address.
-    ///
-    /// # Errors
-    /// Never; the result is kept for its callers.
-    pub fn address(&self) -> io::Result<SocketAddr> {
-        Ok(self.address)
+    pub const fn address(&self) -> SocketAddr {
+        self.address
     }
 
     fn accept(&mut self) {

@@ -200,8 +200,8 @@ fn decoded(decode: impl FnOnce() -> io::Result<usize>) -> io::Result<usize> {
     caught(decode).unwrap_or_else(|| Err(io::Error::other("its content confuses the decoder")))
 }
 
-/// Reads to the end, at most as far as the largest recording reaches; returns true if the last
-/// bytes are those of an MCAP file.
+/// Reads to the end, at most [`FARTHEST_END`] bytes; returns true if the last bytes are those of an
+/// MCAP file.
 fn ends_as_mcap(source: impl Read, mut last: Vec<u8>) -> io::Result<bool> {
     let mut source = source.take(FARTHEST_END);
     let mut block = vec![0; 1 << 16];

@@ -3,13 +3,13 @@
 use std::io::{self, Write};
 
 use clap::{Args, ValueEnum};
-use serde::Serialize;
 use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::estimation::{self, Rule, Use};
+use trinocular_vision::estimation::{self, Rule, Turn, Use};
 
 use super::Method;
 use crate::commands::failure::Failure;
+use crate::commands::turning::pivot_alone;
 
 /// Smallest angle that is printed, degrees.
 const SHOWN_DEG: f64 = 1e-4;
@@ -19,9 +19,10 @@ const SHOWN_DEG: f64 = 1e-4;
 pub struct PoseOptions {
     /// Estimate the rotation of the target, or refuse a target that turns
     ///
-    /// Without this option the rig file's `rotation` counts. Without either, the rotation of a points CSV is estimated if the points determine it,
-    /// unless --method is given; a turn then is a warning. Images whose target turns are refused,
-    /// unless `estimate` is given: it measures turns of up to 12 degrees between two images.
+    /// Without this option the rig file's `rotation` counts. Without either, the rotation of a
+    /// points CSV is estimated if the points determine it, unless --method is given; a turn then is
+    /// a warning. Images whose target turns are refused, unless `estimate` is given: it measures
+    /// turns of up to 12 degrees between two images.
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
 
@@ -43,59 +44,34 @@ pub enum Rotation {
     Estimate,
 }
 
-/// Rotation of the target about the axes of the cameras, as it is printed.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Turn {
-    /// Rotation vector; none if the points do not determine it.
-    pub rotation_deg: Option<[f64; 3]>,
-    /// Standard deviation about each axis.
-    pub rotation_sigma_deg: Option<[f64; 3]>,
-    /// Point of the target at the reference instant whose displacement is stated.
-    pub pivot_mm: Option<[f64; 3]>,
-    /// True if noise imitates the rotation in less than one of 1,000 cases.
-    #[serde(skip)]
-    pub is_significant: bool,
-}
-
-impl From<estimation::Turn> for Turn {
-    fn from(turn: estimation::Turn) -> Self {
-        let estimation::Turn {
-            rotation_deg,
-            rotation_sigma_deg,
-            pivot_mm,
-            is_significant,
-        } = turn;
-        Self {
-            rotation_deg,
-            rotation_sigma_deg,
-            pivot_mm,
-            is_significant,
+impl From<Rotation> for estimation::Rotation {
+    fn from(rotation: Rotation) -> Self {
+        match rotation {
+            Rotation::Refuse => Self::Refuse,
+            Rotation::Estimate => Self::Estimate,
         }
     }
 }
 
-impl Turn {
-    /// Writes the rotation in a line of its own, if it is more than noise and four decimals show
-    /// it.
-    pub fn write(&self, out: &mut impl Write) -> io::Result<()> {
-        let (Some(rotation), Some(sigma), Some(pivot)) =
-            (self.rotation_deg, self.rotation_sigma_deg, self.pivot_mm)
-        else {
-            return Ok(());
-        };
-        if !self.is_significant || rotation.iter().all(|angle| angle.abs() < SHOWN_DEG) {
-            return Ok(());
-        }
-        // Adding zero to what is left after rounding turns -0 into 0.
-        let [a, b, c] = rotation.map(|angle| (angle * 1e4).round() / 1e4 + 0.0);
-        let [d, e, f] = sigma;
-        let [x, y, z] = pivot.map(|mm| (mm * 1e3).round() / 1e3 + 0.0);
-        writeln!(
-            out,
-            "      turned by {a:.4} {b:.4} {c:.4} deg, sigma {d:.4} {e:.4} {f:.4} deg; the \
-             displacement is that of the point at {x:.3} {y:.3} {z:.3} mm"
-        )
+/// Writes a rotation in a line of its own, if it is more than noise and four decimals show it.
+pub fn write_turn(turn: &Turn, out: &mut impl Write) -> io::Result<()> {
+    let (Some(rotation), Some(sigma), Some(pivot)) =
+        (turn.rotation_deg, turn.rotation_sigma_deg, turn.pivot_mm)
+    else {
+        return Ok(());
+    };
+    if !turn.is_significant || rotation.iter().all(|angle| angle.abs() < SHOWN_DEG) {
+        return Ok(());
     }
+    // Adding zero to what is left after rounding turns -0 into 0.
+    let [a, b, c] = rotation.map(|angle| (angle * 1e4).round() / 1e4 + 0.0);
+    let [d, e, f] = sigma;
+    let [x, y, z] = pivot.map(|mm| (mm * 1e3).round() / 1e3 + 0.0);
+    writeln!(
+        out,
+        "      turned by {a:.4} {b:.4} {c:.4} deg, sigma {d:.4} {e:.4} {f:.4} deg; the \
+         displacement is that of the point at {x:.3} {y:.3} {z:.3} mm"
+    )
 }
 
 impl PoseOptions {
@@ -126,11 +102,7 @@ impl PoseOptions {
         }
         let estimated = used == Use::Demanded || is_points && used == Use::Offered;
         if self.pivot.is_some() && !estimated {
-            return Err(Failure::Usage(
-                "--pivot: without a rotation all points of the target move alike; give \
-                 --rotation estimate"
-                    .to_owned(),
-            ));
+            return Err(pivot_alone());
         }
         Ok(())
     }
@@ -143,10 +115,7 @@ impl PoseOptions {
     pub fn rule(&self, method: Option<Method>) -> Rule {
         Rule {
             method: method.map(Method::estimator),
-            rotation: self.rotation.map(|rotation| match rotation {
-                Rotation::Refuse => estimation::Rotation::Refuse,
-                Rotation::Estimate => estimation::Rotation::Estimate,
-            }),
+            rotation: self.rotation.map(Into::into),
             pivot_mm: match self.pivot {
                 Some(Pivot::Place(place)) => Some(place),
                 Some(Pivot::Centroid) | None => None,

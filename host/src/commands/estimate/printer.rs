@@ -1,13 +1,13 @@
 //! Rows of `estimate`: as text, JSON objects or CSV.
 
-use super::pose::Turn;
+use super::pose::write_turn;
 use super::{EstimateOptions, Method};
 use crate::commands::csv_rows::{self, Column};
 use crate::commands::failure::Failure;
 use serde::Serialize;
 use std::io::Write;
 use trinocular_rig::notice;
-use trinocular_vision::estimation::{Solution, counted};
+use trinocular_vision::estimation::{Solution, Turn, counted};
 
 /// One displacement, as it is printed.
 #[derive(Debug, Serialize)]
@@ -91,7 +91,7 @@ impl<W: Write> Printer<'_, W> {
                     points: solution.points,
                     rejected,
                     method: self.method,
-                    turn: solution.turn.map(Turn::from),
+                    turn: solution.turn,
                     warnings,
                 })
             }
@@ -141,7 +141,7 @@ impl<W: Write> Printer<'_, W> {
             names => writeln!(self.out, "  without {}", names.join(" and "))?,
         }
         if let Some(turn) = &line.turn {
-            turn.write(self.out)?;
+            write_turn(turn, self.out)?;
         }
         Ok(())
     }

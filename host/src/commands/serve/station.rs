@@ -2,50 +2,16 @@
 
 use super::ServeOptions;
 use crate::commands::failure::Failure;
-use clap::Args;
 use std::path::Path;
 use trinocular::servo::station_link::{StationLink, StationPlace};
 use trinocular_client::diagnosis;
-use trinocular_client::ports;
-use trinocular_client::stage::HEARTBEAT_MS;
 use trinocular_client::twin::TwinOnPort;
 use trinocular_core::safety::State;
 use trinocular_rig::printable::printable;
-use trinocular_rig::rig_file::Stage;
+use trinocular_rig::rig_file::{RigFile, Stage};
 
 /// Heartbeat timeout of the built-in twin, ms. It moves nothing that a silent host could endanger.
 const TWIN_HEARTBEAT_MS: u16 = 5_000;
-
-/// Port of the station.
-#[derive(Clone, Debug, Args)]
-pub struct StationOption {
-    /// Show the station on this port instead of the built-in twin, in real time; `auto` is the only
-    /// one on USB, `twin` the one that `trinocular twin` simulates
-    ///
-    /// Without --control and --follow nothing at the station is changed: no configuration, no
-    /// reset, no zero. With one of them it is configured; a known position, a stop and faults stay
-    /// as they are, and a position that was never known becomes zero.
-    #[arg(long, value_name = "PATH")]
-    port: Option<String>,
-
-    /// Heartbeat timeout, ms: the station on --port stops without a ping for this time. Raise it on
-    /// a loaded computer. A page that only shows does not set it
-    #[arg(
-        long,
-        value_name = "MS",
-        requires = "port",
-        default_value_t = HEARTBEAT_MS,
-        value_parser = clap::value_parser!(u16).range(20..=10_000)
-    )]
-    heartbeat: u16,
-}
-
-impl StationOption {
-    /// Returns true if a port was named.
-    pub fn is_given(&self) -> bool {
-        self.port.is_some()
-    }
-}
 
 /// Station of the page: on a port, or the built-in twin in real time.
 pub enum Station {
@@ -58,11 +24,12 @@ pub enum Station {
 impl Station {
     /// Starts the built-in twin, unless the user has named a port.
     pub fn open(options: &ServeOptions, stage: &Stage) -> Result<Self, Failure> {
-        match &options.station.port {
-            Some(port) => ports::resolve(port).map(Self::Port),
-            None => TwinOnPort::start(stage).map(Self::Twin),
+        match options.station.resolve()? {
+            Some(path) => Ok(Self::Port(path)),
+            None => TwinOnPort::start(stage)
+                .map(Self::Twin)
+                .map_err(|error| Failure::of_station(None, error)),
         }
-        .map_err(|error| Failure::of_station(None, error))
     }
 
     /// Returns the path of the port, if the user has named one.
@@ -79,7 +46,7 @@ impl Station {
             Self::Port(path) if options.only_shows() => StationPlace::Shown { path },
             Self::Port(path) => StationPlace::Kept {
                 path,
-                heartbeat_ms: options.station.heartbeat,
+                heartbeat_ms: options.station.heartbeat_ms(),
             },
             Self::Twin(twin) => StationPlace::Port {
                 path: twin.path(),
@@ -90,9 +57,8 @@ impl Station {
 }
 
 /// Returns the changes at a station on a port that the start of the page has made, in words, and
-/// the state in which it is.
-pub fn arrival(station: &StationLink, options: &ServeOptions) -> String {
-    let rig = source(options.rig.as_deref());
+/// the state in which it is. `stage` is the source of its stage, as [`source`] says.
+pub fn arrival(station: &StationLink, options: &ServeOptions, stage: &str) -> String {
     let name = station.name();
     let Some((serial, status)) = station.serial().zip(station.status()) else {
         return format!("{name} has sent no status yet");
@@ -104,7 +70,7 @@ pub fn arrival(station: &StationLink, options: &ServeOptions) -> String {
              --control` and `trinocular jog --rig RIG.toml` do"
         ),
         (true, _) => format!("{name} was not changed, because this page only shows it"),
-        (false, _) => format!("{name} was configured with {rig}"),
+        (false, _) => format!("{name} was configured with {stage}"),
     };
     let position = match serial.is_zeroed() {
         true => "its present position is zero".to_owned(),
@@ -122,19 +88,20 @@ pub fn arrival(station: &StationLink, options: &ServeOptions) -> String {
     format!("{done}; {position}{condition}")
 }
 
-/// Returns the origin of the page's mm and limits, in words. A station does not report its own.
-pub fn scale(options: &ServeOptions) -> Option<String> {
-    (options.station.is_given() && options.only_shows()).then(|| {
-        format!(
-            "mm and limits are those of {}: the station does not report its own",
-            source(options.rig.as_deref())
-        )
-    })
+/// Returns the origin of the page's mm and limits, in words, if the page does not configure the
+/// station: a station does not report its own. `stage` is the source of the page's stage.
+pub fn scale(options: &ServeOptions, stage: &str) -> Option<String> {
+    options
+        .only_shows()
+        .then(|| format!("mm and limits are those of {stage}: the station does not report its own"))
 }
 
-fn source(rig: Option<&Path>) -> String {
-    match rig {
+/// Returns the source of the stage, in words: the rig file if it has a stage.
+pub fn source(path: Option<&Path>, rig: &RigFile) -> String {
+    match path.filter(|_| rig.stage.is_some()) {
         Some(path) => format!("the stage of {}", printable(path.display())),
-        None => "the default stage (80 steps/mm), because no --rig is given".to_owned(),
+        None => {
+            "the default stage (80 steps/mm), because no --rig with a [stage] is given".to_owned()
+        }
     }
 }

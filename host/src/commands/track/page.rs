@@ -87,6 +87,7 @@ impl PageOptions {
             rig: rig.rig.clone(),
             stage: stage.clone(),
             mounting,
+            scale: None,
         };
         let mut page = LivePage::open(listener, setup)?;
         if let Some(address) = self.foxglove {

@@ -39,15 +39,7 @@ impl<B: Bench> Workbench<B> {
                 self.recording.event("mark", &text);
                 self.hub.mark(text);
             }
-            action => {
-                let is_zero = matches!(action, Action::Zero {});
-                let outcome = self.perform(action)?;
-                let is_done = outcome.is_ok();
-                reply.send(outcome);
-                if is_zero && is_done {
-                    self.hub.note("zero is here");
-                }
-            }
+            action => reply.send(self.perform(action)?),
         }
         Ok(())
     }
@@ -86,7 +78,13 @@ impl<B: Bench> Workbench<B> {
             }
             Action::Jog { .. } if self.is_moving() => return Ok(self.refuse(STILL_MOVES)),
             Action::Jog { distance_um } => return self.drive("jog", Command::Jog { distance_um }),
-            Action::Zero {} => return self.drive("zero", Command::Zero),
+            Action::Zero {} => {
+                let outcome = self.drive("zero", Command::Zero)?;
+                if outcome.is_ok() {
+                    self.hub.note("zero is here");
+                }
+                return Ok(outcome);
+            }
             Action::Home {} => {
                 let axes = self.stage.care.home.map(|home| home.is_some());
                 return self.drive("home", Command::Home { axes });

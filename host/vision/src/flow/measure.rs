@@ -135,15 +135,7 @@ impl Flow {
         // Displacement search on a coarse level, then refinement to a fraction of a pixel.
         let level = self.temporal_level();
         let coarse = ZnccPlane::new(&now[matcher.geometry.reference].levels[level]);
-        let [width, _] = coarse.size();
-        let search = DisplacementSearch {
-            geometry: matcher.geometry,
-            before: keyframe.coarse,
-            now: &coarse,
-            scale: (1 << level) as f64,
-            range: (self.settings.search_range * width as f64).ceil() as usize,
-            thread_pool: &self.thread_pool,
-        };
+        let search = self.search(keyframe, &coarse);
         let rough_mm = self.rough_displacement(keyframe, &matcher, &search)?;
         observer.stage_done(PipelineStage::Search);
 
@@ -194,6 +186,23 @@ impl Flow {
         }
         observer.stage_done(PipelineStage::Consensus);
         Ok(tracking)
+    }
+
+    /// Creates the search for displacements from the keyframe to a coarse image.
+    pub(super) fn search<'a>(
+        &'a self,
+        keyframe: &'a ActiveKeyframe<'_>,
+        coarse: &'a ZnccPlane,
+    ) -> DisplacementSearch<'a> {
+        let [width, _] = coarse.size();
+        DisplacementSearch {
+            geometry: &keyframe.active.geometry,
+            before: keyframe.coarse,
+            now: coarse,
+            scale: (1 << self.temporal_level()) as f64,
+            range: (self.settings.search_range * width as f64).ceil() as usize,
+            thread_pool: &self.thread_pool,
+        }
     }
 
     /// Rejects a point that some camera sees on its mask now.

@@ -61,7 +61,8 @@ pub struct Measurement {
     pub refused_cameras: Vec<(usize, CameraRefusal)>,
     /// Number of points left out, by reason; those of the keyframe included.
     pub rejected: RejectCounts,
-    /// Matched points of the keyframe that were left out, each with its place and reason.
+    /// Matched points of the keyframe that were left out, each with its place and reason. Empty if
+    /// the rotation was estimated.
     pub rejected_points: Vec<RejectedPoint>,
     /// Displacement of the inliers by the midpoint model, or of the pivot, mm.
     pub displacement_mm: [f64; 3],

@@ -19,8 +19,7 @@ mod predictor;
 mod search;
 
 use super::accept::Tracking;
-use super::active_cameras;
-use super::camera_refusal::{self, CameraRefusal};
+use super::camera_refusal::CameraRefusal;
 use super::coverage::InlierCoverage;
 use super::keyframe::ActiveKeyframe;
 use super::sync::UnsynchronisedCamera;
@@ -38,7 +37,6 @@ use corners::PosedCorners;
 use nalgebra::Vector3;
 use predictor::{Predictor, Surface};
 use trinocular_core::estimate::pose::Estimate;
-use trinocular_core::rig::Rig;
 
 /// Rounds of tracking with turned windows.
 const ROUNDS: usize = 2;
@@ -69,11 +67,6 @@ pub struct PoseMeasurement {
 }
 
 impl PoseMeasurement {
-    /// Returns the rig of the active cameras, given the whole rig.
-    pub fn rig(&self, whole: &Rig) -> Rig {
-        active_cameras::subset(whole, &self.cameras)
-    }
-
     /// Returns the measurement as the displacement of the target's point that was at `pivot_mm` at
     /// the keyframe.
     pub(super) fn of_pivot(self, pivot_mm: [f64; 3]) -> Measurement {
@@ -94,11 +87,6 @@ impl PoseMeasurement {
                 sigma: self.pose.sigma,
             }),
         }
-    }
-
-    /// Describes each refused camera in a sentence, given the names of all cameras.
-    pub fn remarks(&self, names: &[String]) -> Vec<String> {
-        camera_refusal::remarks(&self.refused_cameras, names)
     }
 }
 
@@ -173,7 +161,11 @@ impl Flow {
         };
         match &tracking.result {
             Ok(measurement) => {
-                let coarse = ZnccPlane::new(&now[geometry.reference].levels[self.temporal_level()]);
+                let level = self.temporal_level();
+                let upright = (rough.turn_rad != 0.0)
+                    .then(|| ZnccPlane::new(&now[geometry.reference].levels[level]));
+                let upright = upright.as_ref().map(|coarse| (coarse, 0.0));
+                let planes = upright.into_iter().chain([(&rough.coarse, rough.turn_rad)]);
                 let motion = PosedCorners {
                     matcher: &matcher,
                     predictor: Predictor {
@@ -181,10 +173,9 @@ impl Flow {
                         pose: &measurement.pose,
                         surface,
                     },
-                    searches: [
-                        (self.search(keyframe, &coarse), 0.0),
-                        (self.search(keyframe, &rough.coarse), rough.turn_rad),
-                    ],
+                    searches: planes
+                        .map(|(coarse, turn_rad)| (self.search(keyframe, coarse), turn_rad))
+                        .collect(),
                 };
                 let inliers = &measurement.correspondences;
                 let coverage =

@@ -38,6 +38,8 @@ impl Flow {
 
         // Variance inflation: correlated errors of overlapping windows.
         let inflation = inflation(geometry, &inliers, &found.model);
+        // The pose takes its noise from the residuals, which contain what the cameras of a point
+        // have in common.
         let factor = inflation.of_windows;
         let skewed = unsynchronised(geometry, &inliers, &found.model, inflation.factor);
         let unsynchronised = skewed.filter(UnsynchronisedCamera::is_unsynchronised);

@@ -10,9 +10,9 @@ use crate::flow::temporal::TemporalMatcher;
 pub(super) struct PosedCorners<'a> {
     pub matcher: &'a TemporalMatcher<'a>,
     pub predictor: Predictor<'a>,
-    /// Searches in the image as it is, and in the image turned back, with the angles, rad. What is
-    /// not the target may rest or turn.
-    pub searches: [(DisplacementSearch<'a>, f64); 2],
+    /// Searches in the image as it is and, if the target turned, in the image turned back, with the
+    /// angles, rad. What is not the target may rest or turn.
+    pub searches: Vec<(DisplacementSearch<'a>, f64)>,
 }
 
 impl CornerMotion for PosedCorners<'_> {

@@ -1,6 +1,5 @@
 //! Rough search of a pose: a displacement in images that are turned about z.
 
-use crate::flow::displacement_search::DisplacementSearch;
 use crate::flow::keyframe::ActiveKeyframe;
 use crate::flow::temporal::TemporalMatcher;
 use crate::flow::{Flow, FlowRefusal};
@@ -9,7 +8,7 @@ use crate::matching::pyramid::Pyramid;
 use crate::matching::zncc::ZnccPlane;
 use trinocular_core::estimate::pose::Estimate;
 
-/// Step of the angles about z that are tried, degrees: the search bears half of it.
+/// Step of the angles about z that are tried, degrees: the search tolerates half of it.
 const TURN_DEG: f64 = 2.0;
 /// Number of steps in either direction.
 const TURNS: u32 = 10;
@@ -25,23 +24,6 @@ pub(super) struct RoughPose {
 }
 
 impl Flow {
-    /// Creates the search for displacements from the keyframe to a coarse image.
-    pub(super) fn search<'a>(
-        &'a self,
-        keyframe: &'a ActiveKeyframe<'_>,
-        coarse: &'a ZnccPlane,
-    ) -> DisplacementSearch<'a> {
-        let [width, _] = coarse.size();
-        DisplacementSearch {
-            geometry: &keyframe.active.geometry,
-            before: keyframe.coarse,
-            now: coarse,
-            scale: (1 << self.temporal_level()) as f64,
-            range: (self.settings.search_range * width as f64).ceil() as usize,
-            thread_pool: &self.thread_pool,
-        }
-    }
-
     /// Finds displacement and rotation about z roughly.
     ///
     /// The displacement is searched in the image of the reference camera, which is turned back by
