@@ -44,11 +44,13 @@ mod care;
 mod doubt;
 pub mod edit;
 pub mod field;
+mod lens;
 mod pivot;
 mod stage;
 pub mod template;
 
 pub use care::{Care, HomeSwitch};
+pub use lens::{NOT_A_LENS, can_undistort, focal_fault};
 pub use stage::{Driver, Stage, along_stage};
 
 /// Names of the paper's three cameras, in the order its estimators need.
@@ -62,21 +64,8 @@ pub const LIMIT: Limit = Limit {
 };
 /// Valid sides of an image, px.
 const IMAGE_SIDE_PX: std::ops::RangeInclusive<u32> = 8..=65_535;
-/// Largest focal length, px. Longer ones belong to telescopes.
-const LIMIT_FOCAL_PX: f64 = 1e6;
-/// Least focal length over the image's side. A shorter one would see more than 168 degrees, which
-/// no lens that keeps straight lines straight does.
-const LEAST_FOCAL_SHARE: f64 = 0.05;
-/// Largest ratio of the two focal lengths, because pixels are nearly square.
-const LARGEST_ASPECT: f64 = 10.0;
 /// Largest offset of a camera, mm. A rig wider than 100 m is a mistake of the unit.
 const LIMIT_OFFSET_MM: f64 = 1e5;
-/// Reason that the refusals by [`can_undistort`] state.
-pub const NOT_A_LENS: &str =
-    "this lens model cannot be inverted everywhere in the image, so it is not the lens's";
-/// Largest coefficient of a lens model. Those of long lenses are large, because they belong to
-/// powers of a small radius.
-const LIMIT_DISTORTION: f64 = 1e6;
 /// Largest rotation of a camera, degrees. Cameras turned farther were not meant to be parallel and
 /// have too small a common view.
 pub const LIMIT_ROTATION_DEG: f64 = 20.0;
@@ -371,7 +360,7 @@ fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputErr
         return Err(axes[index].fault(reason));
     }
     let (coefficients, rational) = match &distortion {
-        Some(field) => lens(field)?,
+        Some(field) => lens::coefficients(field)?,
         None => ([0.0; 5], [0.0; 3]),
     };
     let camera = Camera {
@@ -391,47 +380,6 @@ fn camera(table: &Field<'_>, image_size_px: [u32; 2]) -> Result<Camera, InputErr
         Some(field) if !can_undistort(&camera, image_size_px) => Err(field.fault(NOT_A_LENS)),
         _ => Ok(camera),
     }
-}
-
-/// Reads the coefficients of a lens: Brown's five, or the rational model's eight.
-fn lens(field: &Field<'_>) -> Result<([f64; 5], [f64; 3]), InputError> {
-    let count = field.elements()?.len();
-    if count != 8 {
-        let brown = field.each(|k| k.number(LIMIT_DISTORTION));
-        let brown = brown.map_err(|mut error| {
-            if count != 5 {
-                error.reason += "; the rational model has 8";
-            }
-            error
-        });
-        return Ok((brown?, [0.0; 3]));
-    }
-    let [k1, k2, p1, p2, k3, k4, k5, k6] = field.each(|k| k.number(LIMIT_DISTORTION))?;
-    Ok(([k1, k2, p1, p2, k3], [k4, k5, k6]))
-}
-
-/// Returns the index of an impossible focal length, along x or y, and the reason.
-pub fn focal_fault(focal_px: [f64; 2], image_size_px: [u32; 2]) -> Option<(usize, String)> {
-    for (index, (focal, side)) in focal_px.into_iter().zip(image_size_px).enumerate() {
-        let least = (LEAST_FOCAL_SHARE * f64::from(side)).max(1.0);
-        if !(focal > 0.0) {
-            return Some((index, format!("{focal} must be greater than 0")));
-        }
-        if !(least..=LIMIT_FOCAL_PX).contains(&focal) {
-            let reason = format!(
-                "{focal} is out of range ({least} to {LIMIT_FOCAL_PX} px for an image of {side} px)"
-            );
-            return Some((index, reason));
-        }
-    }
-    let [fx, fy] = focal_px;
-    if fx.max(fy) > LARGEST_ASPECT * fx.min(fy) {
-        let reason = format!(
-            "{fx} and {fy} px differ by more than a factor of {LARGEST_ASPECT}: no pixel is so long"
-        );
-        return Some((1, reason));
-    }
-    None
 }
 
 fn rotation(field: &Field<'_>) -> Result<Rotation, InputError> {
@@ -468,53 +416,6 @@ pub fn turned_too_far(degrees: [f64; 3]) -> Option<String> {
         "turned by {angle:.1} degrees, mostly about its optical axis, but its images can be \
          compared with the others' up to {LIMIT_ROTATION_DEG}: {way_out}, and calibrate anew"
     ))
-}
-
-/// Returns true if removing and applying the distortion leads back to the same pixel, all around
-/// the image's border, and if a rational model neither folds nor has a pole within.
-pub fn can_undistort(camera: &Camera, image_size_px: [u32; 2]) -> bool {
-    const STEPS: u32 = 16;
-    /// Tolerance of the round trip: far below the resolution of any tracker, far above rounding.
-    const TOLERANCE_PX: f64 = 1e-3;
-    let [width, height] = image_size_px.map(|size| f64::from(size) - 1.0);
-    let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
-    if camera.is_rational() && !is_rising(camera, corners) {
-        return false;
-    }
-    (0..=STEPS)
-        .map(|step| f64::from(step) / f64::from(STEPS))
-        .flat_map(|share| {
-            let (x, y) = (share * width, share * height);
-            [[x, 0.0], [x, height], [0.0, y], [width, y]]
-        })
-        .all(|pixel| {
-            let back = camera.denormalise(camera.normalise(pixel));
-            (back[0] - pixel[0]).hypot(back[1] - pixel[1]) < TOLERANCE_PX
-        })
-}
-
-/// Returns true if the radial distortion rises all the way to the farthest of these pixels, which
-/// says that each pixel belongs to one direction.
-fn is_rising(camera: &Camera, pixels: [[f64; 2]; 4]) -> bool {
-    const STEPS: u32 = 256;
-    let upright = Camera {
-        rotation: Rotation::NONE,
-        ..*camera
-    };
-    let radius = |pixel: [f64; 2]| {
-        let [x, y] = upright.normalise(pixel);
-        x.hypot(y)
-    };
-    let farthest = pixels.map(radius).into_iter().fold(0.0, f64::max);
-    let mut last = 0.0;
-    farthest.is_finite()
-        && (1..=STEPS).all(|step| {
-            let r = farthest * f64::from(step) / f64::from(STEPS);
-            let seen = r * camera.radial(r * r);
-            let is_higher = camera.denominator(r * r) > 0.0 && seen > last;
-            last = seen;
-            is_higher
-        })
 }
 
 /// Reads a camera's name, which is also the name of its folder of images and stands in CSV files.

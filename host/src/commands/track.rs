@@ -7,9 +7,9 @@ pub mod live;
 pub mod page;
 mod recorded;
 mod report;
+mod row;
 mod simulated;
 
-use super::csv_rows::{self, Column};
 use super::folder_input::PairOption;
 use super::frames::{RecordingInput, rig_missing};
 use super::port::PortOption;
@@ -20,13 +20,11 @@ use super::scene::SceneOptions;
 use super::turning::TurningOptions;
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
-use serde_json::{Value, json};
 use std::cell::Cell;
 use std::io::Write;
 use std::path::PathBuf;
 use trinocular::servo::path::TargetPath;
 use trinocular::servo::station_link::{StationLink, TWIN_B};
-use trinocular::servo::visual_servo::{ServoEstimate, ServoOutcome};
 use trinocular_client::diagnosis::explain;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
@@ -263,12 +261,6 @@ impl TrackOptions {
         Ok(())
     }
 
-    /// Returns the columns of --csv.
-    fn columns(&self, rig: &RigFile) -> Vec<&'static [Column]> {
-        let turn = rig.pivot.map(|_| csv_rows::TURN.as_slice());
-        COLUMNS.into_iter().chain(turn).collect()
-    }
-
     /// Returns the time between two frame sets, µs.
     fn period_us(&self) -> u64 {
         let recorded = self.recorded_period_us.get();
@@ -295,6 +287,56 @@ impl TrackOptions {
     fn window_ms(&self) -> f64 {
         let default = self.widest_window_ms().min(5.0);
         self.window.unwrap_or(default)
+    }
+
+    /// Refuses values out of range and options that do not go together.
+    fn check(&self) -> Result<(), Failure> {
+        range::check("fps", self.fps(), 1.0, 200.0)?;
+        range::check("seconds", self.seconds.unwrap_or(1.0), 0.1, 3600.0)?;
+        range::check("idle", self.idle.unwrap_or(1.0), 0.1, 1e6)?;
+        range::check("window", self.window_ms(), 0.0, self.widest_window_ms())?;
+        // The station remembers where the stage was for half a second.
+        range::check("delay", self.delay, -100.0, 300.0)?;
+        range::check(
+            "latency",
+            self.latency.unwrap_or(0) as f64,
+            0.0,
+            self.longest_latency_ms(),
+        )?;
+        let source = &self.source;
+        // The parser does not check the requirements of options that exclude one another.
+        let goes_with =
+            |option: &str, given: bool, with: &str, is_there: bool| match given && !is_there {
+                true => Err(Failure::Usage(format!("--{option} goes with {with}"))),
+                false => Ok(()),
+            };
+        let is_live = source.cameras.is_some();
+        let is_folder = source
+            .images
+            .as_deref()
+            .is_some_and(|path| !is_recording(path));
+        let regions_with = "--images, --watch and --cameras";
+        self.region.goes_with(!source.sim, regions_with)?;
+        self.pair.goes_with(is_folder, "--images and a folder")?;
+        goes_with(
+            "idle",
+            self.idle.is_some(),
+            "--watch",
+            source.watch.is_some(),
+        )?;
+        let is_written = self.record.is_given() || self.report.is_given();
+        goes_with("force", self.force, "--record and --report", is_written)?;
+        goes_with("window", self.window.is_some(), "--cameras", is_live)?;
+        goes_with("delay", self.delay != 0.0, "--cameras", is_live)?;
+        let is_real = is_live && self.station.is_given();
+        goes_with("fixed", self.fixed, "--cameras and --port", is_real)?;
+        let is_from_files = source.images.is_some() || source.watch.is_some();
+        if is_from_files && self.station.is_given() {
+            let reason =
+                "--port goes with --sim and --cameras: images from files are followed by the twin";
+            return Err(Failure::Usage(reason.to_owned()));
+        }
+        self.page.check()
     }
 }
 
@@ -340,85 +382,6 @@ fn introduce(station: &StationLink) {
     }
 }
 
-/// Adds what the station estimated, or the reason why it did not, to a row's object.
-fn add_outcome(object: &mut Value, outcome: &ServoOutcome) {
-    match outcome {
-        ServoOutcome::Used(estimate) => {
-            object["displacement_mm"] = json!(estimate.displacement_mm);
-            object["sigma_mm"] = json!(estimate.sigma_mm);
-            object["covariance_mm2"] = json!(estimate.covariance_mm2);
-            object["points"] = json!(estimate.points);
-            object["rejected"] = json!(estimate.rejected);
-            object["latency_ms"] = json!(f64::from(estimate.latency_us) * 1e-3);
-            if let Some(turn) = &estimate.turn {
-                object["rotation_deg"] = json!(turn.rotation_deg);
-                object["rotation_sigma_deg"] = json!(turn.rotation_sigma_deg);
-                object["pivot_mm"] = json!(turn.pivot_mm);
-            }
-        }
-        other => object["refused"] = json!(other.refusal().unwrap_or_default()),
-    }
-}
-
-/// Adds sentences to a row's warnings.
-fn add_warnings(object: &mut Value, sentences: Vec<String>) {
-    if sentences.is_empty() {
-        return;
-    }
-    let warnings = &mut object["warnings"];
-    if warnings.is_null() {
-        *warnings = json!([]);
-    }
-    if let Value::Array(list) = warnings {
-        list.extend(sentences.into_iter().map(Value::from));
-    }
-}
-
-/// Columns of `--csv`; those of other sources stay empty.
-const COLUMNS: [&[Column]; 3] = [
-    &[("frame", "/frame"), ("time_s", "/time_s")],
-    &csv_rows::DISPLACEMENT,
-    &[
-        ("points", "/points"),
-        ("rejected", "/rejected"),
-        ("latency_ms", "/latency_ms"),
-        ("trust", "/trust"),
-        ("stage_x_mm", "/stage_mm/0"),
-        ("stage_y_mm", "/stage_mm/1"),
-        ("stage_z_mm", "/stage_mm/2"),
-        ("camera_x_mm", "/camera_mm/0"),
-        ("camera_y_mm", "/camera_mm/1"),
-        ("camera_z_mm", "/camera_mm/2"),
-        ("target_x_mm", "/target_mm/0"),
-        ("target_y_mm", "/target_mm/1"),
-        ("target_z_mm", "/target_mm/2"),
-        ("drops", "/drops"),
-        ("refused", "/refused"),
-        ("warnings", "/warnings"),
-    ],
-];
-
-/// Formats the standard deviation and the counts of a used row.
-fn known(estimate: &ServoEstimate) -> String {
-    let sigma = estimate.sigma_mm.map_or(String::new(), |sigma| {
-        let sigma = sigma.map(|mm| format!("{mm:.4}")).join(" ");
-        format!("sigma {sigma} mm, ")
-    });
-    let ServoEstimate {
-        points, rejected, ..
-    } = estimate;
-    let turned = estimate.turn.map_or(String::new(), |turn| {
-        let degrees = turn.rotation_deg.map(|angle| format!("{angle:.3}"));
-        format!("turned by {} deg, ", degrees.join(" "))
-    });
-    format!("{sigma}{turned}{points} points, {rejected} rejected")
-}
-
-/// Formats three columns of a row, mm.
-fn vector([x, y, z]: &[f64; 3]) -> String {
-    format!("{x:>8.4} {y:>8.4} {z:>8.4}")
-}
-
 const EXAMPLES: &str = "\
 Examples:
   trinocular track --sim
@@ -432,57 +395,7 @@ Examples:
 
 /// Runs the command.
 pub fn run(options: &TrackOptions, out: &mut impl Write) -> Result<(), Failure> {
-    range::check("fps", options.fps(), 1.0, 200.0)?;
-    range::check("seconds", options.seconds.unwrap_or(1.0), 0.1, 3600.0)?;
-    range::check("idle", options.idle.unwrap_or(1.0), 0.1, 1e6)?;
-    range::check(
-        "window",
-        options.window_ms(),
-        0.0,
-        options.widest_window_ms(),
-    )?;
-    // The station remembers where the stage was for half a second.
-    range::check("delay", options.delay, -100.0, 300.0)?;
-    range::check(
-        "latency",
-        options.latency.unwrap_or(0) as f64,
-        0.0,
-        options.longest_latency_ms(),
-    )?;
-    let source = &options.source;
-    // The parser does not check the requirements of options that exclude one another.
-    let goes_with = |option: &str, given: bool, with: &str, is_there: bool| match given && !is_there
-    {
-        true => Err(Failure::Usage(format!("--{option} goes with {with}"))),
-        false => Ok(()),
-    };
-    let is_live = source.cameras.is_some();
-    let is_folder = source
-        .images
-        .as_deref()
-        .is_some_and(|path| !is_recording(path));
-    let regions_with = "--images, --watch and --cameras";
-    options.region.goes_with(!source.sim, regions_with)?;
-    options.pair.goes_with(is_folder, "--images and a folder")?;
-    goes_with(
-        "idle",
-        options.idle.is_some(),
-        "--watch",
-        source.watch.is_some(),
-    )?;
-    let is_written = options.record.is_given() || options.report.is_given();
-    goes_with("force", options.force, "--record and --report", is_written)?;
-    goes_with("window", options.window.is_some(), "--cameras", is_live)?;
-    goes_with("delay", options.delay != 0.0, "--cameras", is_live)?;
-    let is_real = is_live && options.station.is_given();
-    goes_with("fixed", options.fixed, "--cameras and --port", is_real)?;
-    let is_from_files = source.images.is_some() || source.watch.is_some();
-    if is_from_files && options.station.is_given() {
-        let reason =
-            "--port goes with --sim and --cameras: images from files are followed by the twin";
-        return Err(Failure::Usage(reason.to_owned()));
-    }
-    options.page.check()?;
+    options.check()?;
     let outcome = options.report.close(follow(options, out));
     if options.station.is_given()
         && let Err(Failure::Output(cause)) = &outcome

@@ -2,7 +2,8 @@
 
 use super::absences::Absences;
 use super::page::{self, TrackPage};
-use super::{TrackOptions, add_outcome, add_warnings, introduce, known, vector};
+use super::row::{add_outcome, add_warnings, known, vector};
+use super::{TrackOptions, introduce, row};
 use crate::commands::exposures::Exposures;
 use crate::commands::failure::Failure;
 use crate::commands::progress::{Count, StatusLine};
@@ -259,7 +260,7 @@ impl<'a> Captures<'a> {
             if let Some(LiveDrops(count)) = &self.drops {
                 object["drops"] = json!(count());
             }
-            let columns = self.options.columns(self.rig);
+            let columns = row::columns(self.rig);
             if self.options.json {
                 json::line(out, &object)?;
             } else {

@@ -4,7 +4,8 @@ use super::super::by_hand;
 use super::super::progress::{Progress, StatusLine};
 use super::absences::Absences;
 use super::page::{self, TrackPage};
-use super::{TrackOptions, add_outcome, introduce, known, vector};
+use super::row::{add_outcome, known, vector};
+use super::{TrackOptions, introduce, row};
 use crate::commands::failure::Failure;
 use crate::commands::{csv_rows, json};
 use serde_json::json;
@@ -92,7 +93,7 @@ fn follow(
     let servo = SimulatedServo::start_observed(&mut world, &rig, timing, estimator, observers);
     let mut servo = servo.map_err(failed)?;
     servo.set_pivot(file.pivot);
-    let columns = options.columns(&file);
+    let columns = row::columns(&file);
     let mut absences = Absences::new(&file.names);
     let mut line = StatusLine::new(options.json || options.csv);
     let mut progress = match line {
