@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 use trinocular_client::StationError;
 use trinocular_client::serial::Serial;
-use trinocular_client::stage::default_stage;
+use trinocular_client::stage::{configuration_at, default_stage};
 use trinocular_core::frame::encode::encode;
 use trinocular_core::frame::message::{
     Command, Denial, Hello, Mounting, Report, ResetCause, Status,
@@ -368,7 +368,10 @@ fn emulated_board_makes_exact_steps() {
     assert_eq!(line["board"], "qemu-mps2-an386");
     assert_eq!(line["mismatches"], serde_json::json!([]));
 
-    let mut serial = start(&path);
+    // The emulator may have to wait for the processor.
+    let configuration = configuration_at(&default_stage(), Mounting::OnStage, 10_000);
+    let configuration = configuration.expect("it fits");
+    let mut serial = Serial::start_observed(&path, configuration, None).expect("it starts");
     serial.command("setpoint", setpoint([4, -4, 1])).unwrap();
     arrived(&serial, [320, -320, 80]);
     serial.command("setpoint", setpoint([0, 10, -3])).unwrap();

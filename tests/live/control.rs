@@ -15,6 +15,7 @@ use trinocular::servo::station_link::StationPlace;
 use trinocular::servo::workbench::Workbench;
 use trinocular::servo::world::SimulatedWorld;
 use trinocular_client::twin::TwinOnPort;
+use trinocular_client::twin::real_time::Switches;
 use trinocular_live::access::Access;
 use trinocular_live::{Hub, Server};
 use trinocular_vision::images::{SceneSettings, Texture};
@@ -224,6 +225,49 @@ fn jog_in_motion_is_refused_by_name() {
     }
     page.state(is_in("idle"));
     assert_eq!(lab.twin.steps(), [400, 0, 0]);
+}
+
+/// Returns true if a note of the page contains all of `parts`.
+fn has_note(parts: &[&str]) -> impl Fn(&Value) -> bool {
+    let parts: Vec<String> = parts.iter().map(|part| (*part).to_owned()).collect();
+    move |state| {
+        let notes = state["notes"].as_array().into_iter().flatten();
+        let mut texts = notes.filter_map(|note| note["text"].as_str());
+        texts.any(|text| parts.iter().all(|part| text.contains(part)))
+    }
+}
+
+#[test]
+fn shortened_jog_is_named_on_the_page() {
+    let lab = Lab::start(TargetPath::Still);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    assert_eq!(page.ask(&jog([80_000, 1_000, 0])), None);
+    let expected = "x was shortened to 60.0000 mm of 80 mm by the soft limits";
+    page.state(has_note(&[expected]));
+    page.state(is_in("idle"));
+    assert_eq!(lab.twin.steps(), [4_800, 80, 0]);
+    // At the limit, nothing is left to go.
+    assert_eq!(page.ask(&jog([1_000, 0, 0])), None);
+    page.state(has_note(&["x was shortened to 0.0000 mm of 1 mm"]));
+}
+
+#[test]
+fn fault_while_nothing_is_followed_is_noted() {
+    let lab = Lab::start(TargetPath::Still);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    lab.twin.set_switches(Switches {
+        emergency_stop: true,
+        ..Switches::default()
+    });
+    page.state(has_note(&[
+        "fault 1: the emergency stop was pressed",
+        "; to do: ",
+    ]));
+    lab.twin.set_switches(Switches::default());
+    assert_eq!(page.ask(&json!({"reset": {}})), None);
+    page.state(has_note(&["no fault any more"]));
 }
 
 /// A page does not wait for the answer to one action before it sends another.

@@ -8,7 +8,7 @@
 //! several programs reach one station, [`clock`] keeps the station's time, [`plausible`] says which
 //! of its numbers can be true, [`diagnosis`] says what its states and faults mean. [`observer`] sees
 //! every byte on the line; [`tape`] records a twin's life for comparison. [`stage`] turns the rig
-//! file's stage into a configuration.
+//! file's stage into a configuration, [`shortened`] says where its soft limits shorten a jog.
 
 pub mod allowance;
 pub mod bound;
@@ -22,6 +22,7 @@ pub mod plant;
 pub mod plausible;
 pub mod ports;
 pub mod serial;
+pub mod shortened;
 pub mod stage;
 pub mod tape;
 pub mod twin;

@@ -41,7 +41,7 @@ use trinocular_rig::interruption;
 /// Polling period of the line.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// Timeout for an answer.
+/// Timeout for an answer, unless the heartbeat timeout is longer.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Timeout for a stage to come to rest.
@@ -218,7 +218,7 @@ impl Serial {
             return Ok(None);
         }
         // It comes right behind the hello.
-        self.wait_until(Instant::now() + PATIENCE, |client| {
+        self.wait_until(Instant::now() + self.patience(), |client| {
             client.last_run().copied()
         })
     }
@@ -229,11 +229,17 @@ impl Serial {
     /// # Errors
     /// [`StationError::Silent`] without one; if the line is or was lost.
     pub fn fresh_status(&self, answered: bool) -> Result<Status, StationError> {
-        let status = self.wait_until(Instant::now() + PATIENCE, |client| match answered {
+        let patience = self.patience();
+        let status = self.wait_until(Instant::now() + patience, |client| match answered {
             true => client.status_since_answer().copied(),
             false => client.status_since_hello().copied(),
         })?;
-        status.ok_or_else(|| self.silence("status", PATIENCE))
+        status.ok_or_else(|| self.silence("status", patience))
+    }
+
+    /// Returns the timeout for an answer.
+    fn patience(&self) -> Duration {
+        self.shared.line().silence()
     }
 
     /// Returns the path of the port.

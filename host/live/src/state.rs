@@ -91,6 +91,7 @@ impl State {
         self.turns += 1;
         self.samples.push(Sample::of(setup, self.at_s, turn));
         if let Some(status) = turn.status {
+            self.note_fault(status);
             self.status = Some(*status);
         }
         self.refusal = turn.refusal.map(|(_, sentence)| sentence.to_owned());
@@ -101,6 +102,23 @@ impl State {
             if let Some(counts) = self.drops.get_mut(*camera) {
                 *counts.entry(drop_name(refusal)).or_default() += 1;
             }
+        }
+    }
+
+    /// Notes a fault that is reported for the first time since the last reset, whatever the run does.
+    fn note_fault(&mut self, status: &Status) {
+        let before = self.status.and_then(|status| status.fault);
+        if status.fault == before {
+            return;
+        }
+        match status.fault {
+            Some(fault) => {
+                let text = diagnosis::fault(fault);
+                let number = fault.number();
+                let warning = format!("fault {number}: {}; to do: {}", text.cause, text.action);
+                self.note("warning", warning);
+            }
+            None => self.note("note", "no fault any more".to_owned()),
         }
     }
 

@@ -12,6 +12,7 @@ use clap::Args;
 use serde_json::json;
 use trinocular_client::allowance::Allowance;
 use trinocular_client::diagnosis;
+use trinocular_client::shortened::{Shortened, shortened};
 use trinocular_core::frame::message::{Command, Status};
 use trinocular_core::safety::Trust;
 use trinocular_rig::choice::unknown;
@@ -187,19 +188,11 @@ impl Jog<'_> {
         std::array::from_fn(|axis| to[axis].wrapping_sub(from[axis]))
     }
 
-    /// Returns the axes that went less far than they should, each with the distance that it went,
-    /// mm.
-    fn shortened(&self) -> Vec<(usize, f64)> {
-        let Some(stage) = self.stage else {
-            return Vec::new();
-        };
-        let moved_mm = in_mm(self.moved_steps(), stage);
-        let is_short = |axis: &usize| {
-            let short_mm = f64::from(self.distance_um[*axis]) * 1e-3 - moved_mm[*axis];
-            (short_mm * stage.steps_per_mm[*axis]).abs() > 1.0
-        };
-        let axes = (0..3).filter(is_short);
-        axes.map(|axis| (axis, moved_mm[axis])).collect()
+    /// Returns the axes that went less far than they should.
+    fn shortened(&self) -> Vec<Shortened> {
+        self.stage.map_or_else(Vec::new, |stage| {
+            shortened(stage, self.distance_um, self.moved_steps())
+        })
     }
 
     fn tell(&self, options: &JogOptions, out: &mut impl Write) -> Result<(), Failure> {
@@ -212,7 +205,7 @@ impl Jog<'_> {
             object["moved_mm"] = json!(stage.map(|stage| in_mm(moved, stage)));
             object["position_mm"] = json!(stage.map(|stage| in_mm(at, stage)));
             object["shortened"] = json!(stage.map(|_| {
-                let names = shortened.iter().map(|(axis, _)| NAMES[*axis]);
+                let names = shortened.iter().map(|short| NAMES[short.axis]);
                 names.collect::<Vec<_>>()
             }));
             json::line(out, &object)?;
@@ -226,22 +219,14 @@ impl Jog<'_> {
 
     /// Reports that soft limits shortened the move, or that this cannot be known.
     fn warn(&self) {
-        let Some(stage) = self.stage else {
+        if self.stage.is_none() {
             notice!(
                 "a soft limit may have shortened the move: with --rig RIG.toml this command \
                  reports that, and mm"
             );
-            return;
-        };
-        for (axis, moved_mm) in self.shortened() {
-            let (name, [least, greatest]) = (NAMES[axis], stage.travel_mm[axis]);
-            let asked_mm = f64::from(self.distance_um[axis]) * 1e-3;
-            // Adding zero turns -0 into 0.
-            let moved_mm = moved_mm + 0.0;
-            notice!(
-                "{name} was shortened to {moved_mm:.4} mm of {asked_mm} mm by the soft limits: \
-                 travel_mm of the rig file is {least} to {greatest} mm"
-            );
+        }
+        for short in self.shortened() {
+            notice!("{short}");
         }
     }
 }

@@ -28,6 +28,7 @@ use std::time::{Duration, Instant as HostInstant};
 use trinocular_client::StationError;
 use trinocular_client::diagnosis;
 use trinocular_client::serial::Access;
+use trinocular_core::frame::message::Status;
 use trinocular_core::rig::Rig;
 use trinocular_core::time::Instant;
 use trinocular_live::Hub;
@@ -263,12 +264,9 @@ impl<B: Bench> Workbench<B> {
                 Ok(())
             }
             StationError::Faulted(fault) => {
+                // The page has it from the status.
                 let text = diagnosis::fault(fault);
-                let reason = format!("fault {}: {}", fault.number(), text.cause);
-                if self.servo.is_some() {
-                    self.hub.warn(reason.clone());
-                }
-                self.end_following(reason);
+                self.end_following(format!("fault {}: {}", fault.number(), text.cause));
                 Ok(())
             }
             error @ StationError::Interrupted { .. } => {
@@ -313,15 +311,18 @@ impl<B: Bench> Workbench<B> {
         })
     }
 
+    /// Asks a station on a line for its status. One from before the last command would name a state
+    /// that has passed.
+    fn fresh_status(&mut self) -> Option<Status> {
+        let serial = self.bench.station().serial()?;
+        serial.fresh_status(true).ok()
+    }
+
     /// Starts to follow with the next images, if the station is ready for it.
     fn begin(&mut self) -> Outcome {
-        let station = self.bench.station();
-        // A status from before the last command would name a state that has passed.
-        let fresh = station
-            .serial()
-            .and_then(|serial| serial.fresh_status(true).ok());
-        let status = fresh.or_else(|| station.status());
-        let unready = status.and_then(|status| {
+        let fresh = self.fresh_status();
+        let unready = fresh.or_else(|| self.bench.station().status());
+        let unready = unready.and_then(|status| {
             let state = diagnosis::state(status.state).name;
             let next = diagnosis::next_step(&status)?;
             Some(format!(

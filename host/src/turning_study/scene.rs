@@ -18,8 +18,6 @@ const HALF_PICTURE: [f64; 2] = [0.30, 0.225];
 const MOST_MM: [f64; 3] = [10.0, 10.0, 10.0];
 /// Largest rotation, degrees.
 const MOST_DEG: f64 = 12.0;
-/// Least and largest difference of two displacements, mm: half a pixel to eight.
-const APART_MM: [f64; 2] = [0.8, 12.0];
 /// Share of the picture from which an object may count as the target. The margin of the picture has
 /// no points, and cells at the edge of an object count whole: a rectangle in the middle of the
 /// picture that takes two fifths of it is half of what counts.
@@ -36,39 +34,56 @@ pub struct Layout {
     pub near_turns: bool,
     /// True if the farther object turns.
     pub far_turns: bool,
-    /// True if an object that does not turn moves; otherwise it rests.
-    pub others_move: bool,
+    /// Least and largest difference of the displacements of two objects that move without turning,
+    /// mm; `None` if an object that does not turn rests.
+    pub apart_mm: Option<[f64; 2]>,
+}
+
+impl Layout {
+    /// Returns true if two objects move apart by less than what makes an outlier.
+    pub fn is_close(&self) -> bool {
+        self.apart_mm.is_some_and(|[least, _]| least < 0.1)
+    }
 }
 
 /// All layouts, in the order of the table.
-pub const LAYOUTS: [Layout; 4] = [
+pub const LAYOUTS: [Layout; 5] = [
     Layout {
         name: "alone",
         share: [1.0, 1.0],
         near_turns: true,
         far_turns: false,
-        others_move: false,
+        apart_mm: None,
     },
     Layout {
         name: "before-background",
         share: [0.3, 0.8],
         near_turns: true,
         far_turns: false,
-        others_move: false,
+        apart_mm: None,
     },
     Layout {
         name: "covered",
         share: [0.2, 0.7],
         near_turns: false,
         far_turns: true,
-        others_move: false,
+        apart_mm: None,
     },
     Layout {
         name: "apart",
         share: [0.3, 0.7],
         near_turns: false,
         far_turns: false,
-        others_move: true,
+        // Half a pixel to eight.
+        apart_mm: Some([0.8, 12.0]),
+    },
+    Layout {
+        name: "close",
+        share: [0.35, 0.65],
+        near_turns: false,
+        far_turns: false,
+        // Less than what makes an outlier.
+        apart_mm: Some([0.02, 1.5]),
     },
 ];
 
@@ -154,8 +169,7 @@ impl Bench {
         }
         let near = self.motion(layout, layout.near_turns, DEPTHS_MM[0], share);
         let mut far = self.motion(layout, layout.far_turns, DEPTHS_MM[1], 1.0 - share);
-        if layout.others_move {
-            let [least, most] = APART_MM;
+        if let Some([least, most]) = layout.apart_mm {
             let way = self.random.between(0.0, core::f64::consts::TAU);
             let length = self.random.between(least, most);
             let [x, y, z] = near.moved_mm;
@@ -191,7 +205,7 @@ impl Bench {
             turned_deg: [0.0; 3],
             share,
         };
-        if turns || layout.others_move {
+        if turns || layout.apart_mm.is_some() {
             truth.moved_mm = MOST_MM.map(|most| random.between(-most, most));
         }
         if turns {

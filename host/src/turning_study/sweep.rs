@@ -106,7 +106,12 @@ pub fn failures(rows: &[Row], looseness: f64) -> Vec<String> {
     let mut failures = Vec::new();
     for row in rows.iter().filter(|row| row.noise_grey.is_none()) {
         let name = row.layout.name;
-        for (what, tally) in [("displacement", &row.moved), ("rotation", &row.turned)] {
+        let claimed: &[(&str, &Tally)] = match row.layout.is_close() {
+            // A step between two parts is like a rotation.
+            true => &[("displacement without a rotation", &row.displaced)],
+            false => &[("displacement", &row.moved), ("rotation", &row.turned)],
+        };
+        for (what, tally) in claimed {
             if tally.gross > 0 {
                 failures.push(format!("{name}: {} gross errors of {what}", tally.gross));
             }

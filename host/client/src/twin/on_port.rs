@@ -1,7 +1,7 @@
 //! A [real-time twin](super::real_time) on a thread of this process, behind a pseudo-terminal.
 
 use super::far_end::{FarEnd as _, Terminal};
-use super::real_time::RealTimeTwin;
+use super::real_time::{RealTimeTwin, Switches};
 use crate::StationError;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -17,11 +17,12 @@ pub struct TwinOnPort {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Edges at the step pins.
+/// Pins of the board, outputs and inputs.
 #[derive(Debug)]
 struct Pins {
     /// Steps since the start, backward ones subtracted, and the time of the last edge.
     edges: Mutex<([i64; 3], Instant)>,
+    switches: Mutex<Switches>,
     is_over: AtomicBool,
 }
 
@@ -40,6 +41,7 @@ impl TwinOnPort {
         let path = terminal.name().to_owned();
         let pins = Arc::new(Pins {
             edges: Mutex::new(([0; 3], Instant::now())),
+            switches: Mutex::new(Switches::default()),
             is_over: AtomicBool::new(false),
         });
         let twin = RealTimeTwin::power_on(stage);
@@ -69,11 +71,20 @@ impl TwinOnPort {
     pub fn last_edge(&self) -> Instant {
         self.pins.edges().1
     }
+
+    /// Opens and closes the switches at the board.
+    pub fn set_switches(&self, switches: Switches) {
+        *self.pins.switches() = switches;
+    }
 }
 
 impl Pins {
     fn edges(&self) -> MutexGuard<'_, ([i64; 3], Instant)> {
         self.edges.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn switches(&self) -> MutexGuard<'_, Switches> {
+        self.switches.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -91,6 +102,7 @@ fn live(mut twin: RealTimeTwin, mut line: Terminal, pins: &Pins) {
     let mut buffer = [0; 512];
     while !pins.is_over.load(Ordering::Relaxed) {
         let count = line.read(&mut buffer).unwrap_or(0);
+        twin.set_switches(*pins.switches());
         let answer = twin.turn(&buffer[..count]);
         let steps = twin.steps();
         let mut edges = pins.edges();

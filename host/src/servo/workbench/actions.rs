@@ -4,6 +4,7 @@ use super::super::ServoError;
 use super::desk::Request;
 use super::{Bench, Outcome, REST_PATIENCE, Reset, Workbench};
 use std::time::Instant as HostInstant;
+use trinocular_client::shortened::shortened;
 use trinocular_client::{StationError, diagnosis};
 use trinocular_core::frame::message::{Command, Denial, Status};
 use trinocular_core::safety::State;
@@ -77,7 +78,7 @@ impl<B: Bench> Workbench<B> {
                 return Ok(self.refuse("end following first"));
             }
             Action::Jog { .. } if self.is_moving() => return Ok(self.refuse(STILL_MOVES)),
-            Action::Jog { distance_um } => return self.drive("jog", Command::Jog { distance_um }),
+            Action::Jog { distance_um } => return self.jog(distance_um),
             Action::Zero {} => {
                 let outcome = self.drive("zero", Command::Zero)?;
                 if outcome.is_ok() {
@@ -93,6 +94,22 @@ impl<B: Bench> Workbench<B> {
             Action::Follow { .. } | Action::Reset {} | Action::Mark { .. } => {}
         }
         Ok(Ok(()))
+    }
+
+    /// Moves the stage by a distance; warns if soft limits shorten it.
+    fn jog(&mut self, distance_um: [i32; 3]) -> Result<Outcome, ServoError> {
+        let before = self.fresh_status();
+        let outcome = self.drive("jog", Command::Jog { distance_um })?;
+        if outcome.is_ok()
+            && let Some((before, now)) = before.zip(self.fresh_status())
+        {
+            let [from, to] = [before.position_steps, now.target_steps];
+            let steps = core::array::from_fn(|axis| to[axis].wrapping_sub(from[axis]));
+            for short in shortened(&self.stage, distance_um, steps) {
+                self.hub.warn(short.to_string());
+            }
+        }
+        Ok(outcome)
     }
 
     fn refuse(&self, reason: &str) -> Outcome {

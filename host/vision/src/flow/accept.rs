@@ -4,6 +4,7 @@ use super::active_cameras::ActiveCameras;
 use super::consensus::{Agreement, Consensus};
 use super::keyframe::ActiveKeyframe;
 use super::measurement::RejectedPoint;
+use super::rigidity::parts::TwoParts;
 use super::rotation::TargetRotation;
 use super::sync::UnsynchronisedCamera;
 use super::temporal::TemporalMatcher;
@@ -65,6 +66,7 @@ impl Flow {
             let rotated = degrees.map(|degrees| FlowRefusal::Turned { degrees });
             return Tracking::refused(rotated.unwrap_or(refused));
         }
+        let disagreement = tracks.no_agreement(consensus.count() / 2, consensus.median_px);
         let mut rejected = tracks.rejected;
         for outlier in consensus.outliers_of(tracked) {
             rejected.add(Reject::Outlier);
@@ -89,11 +91,17 @@ impl Flow {
                 let degrees = rotation.degrees;
                 return Tracking::refused(FlowRefusal::Turned { degrees });
             }
-            // Small rotations and small skews stay in the measurement; sigma contains their bias.
+            // Small rotations, skews and differences of parts stay in the measurement; sigma
+            // contains their bias.
             let rotated = rotation.map_or(1.0, |r| {
                 bias_inflation(&consensus.model.estimate, inflation.factor, r.bias_mm)
             });
-            inflation.factor *= skewed.map_or(1.0, |s| s.variance_inflation).max(rotated);
+            let parts = TwoParts::of(geometry, &inliers, displacement_mm, inflation.factor);
+            if parts.are_certain() {
+                return Tracking::refused(disagreement);
+            }
+            let skewed = skewed.map_or(1.0, |s| s.variance_inflation);
+            inflation.factor *= skewed.max(rotated).max(parts.inflation_of_displacement());
         }
         inflation.factor = with_common_error(
             inflation.factor,

@@ -157,7 +157,7 @@ fn residual_px(
 }
 
 /// Computes the midpoint estimate from the inliers.
-fn solve(rig: &Rig, points: &[Correspondence], inliers: &[bool]) -> Option<Displaced> {
+pub(super) fn solve(rig: &Rig, points: &[Correspondence], inliers: &[bool]) -> Option<Displaced> {
     let mut sums = CentredSums::new(rig).ok()?;
     for (point, _) in points.iter().zip(inliers).filter(|(_, is)| **is) {
         sums.add(&point.views);

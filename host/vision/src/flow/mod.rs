@@ -73,6 +73,7 @@ pub mod displacement_search;
 pub mod filter;
 pub mod frozen;
 mod keyframe;
+mod linear_motion;
 mod measure;
 mod measurement;
 pub mod mistake;

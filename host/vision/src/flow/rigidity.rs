@@ -11,10 +11,15 @@
 //!
 //! A blend is wrong by half of the difference. Its own variance is a quarter of the halves' sum, so
 //! that the variance times `χ²/6` contains the error. A large `χ²` is refused; a smaller one
-//! inflates the variance.
+//! inflates the variance. [`parts`] finds what halves cannot tell: small steps that look like a
+//! rotation.
+
+mod halves;
+pub(super) mod parts;
 
 use super::Correspondence;
 use crate::matching::geometry::RigGeometry;
+use halves::halves;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use trinocular_core::estimate::pose::{self, Estimate, Observation};
 
@@ -37,28 +42,13 @@ impl Rigidity {
     /// Compares the halves of `inliers`, whose variance inflation factor is `factor`. Halves that do
     /// not determine a pose are not compared.
     pub(super) fn of(geometry: &RigGeometry, inliers: &[Correspondence], factor: f64) -> Self {
-        let seen: Vec<([f64; 2], Observation)> = (inliers.iter())
-            .filter_map(|inlier| {
-                let observed = Observation::new(&geometry.arms, &inlier.views)?;
-                Some((inlier.pixels[geometry.reference][0], observed))
-            })
-            .collect();
-        let count = seen.len().max(1) as f64;
-        let [cx, cy] = [0, 1].map(|i| seen.iter().map(|(at, _)| at[i]).sum::<f64>() / count);
-        let directions: [&dyn Fn([f64; 2]) -> f64; 5] = [
-            &|[x, _]| x,
-            &|[_, y]| y,
-            &|[x, y]| x + y,
-            &|[x, y]| x - y,
-            &|[x, y]| (x - cx).hypot(y - cy),
-        ];
-        let compared = directions.iter().filter_map(|place| {
-            let mut sorted: Vec<(f64, Observation)> =
-                (seen.iter().map(|(at, seen)| (place(*at), *seen))).collect();
-            sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let ordered: Vec<Observation> = sorted.into_iter().map(|(_, seen)| seen).collect();
-            let (a, b) = ordered.split_at(ordered.len() / 2);
-            let [a, b] = [a, b].map(|half| pose::solve(&geometry.arms, half).ok());
+        let solve = |half: Vec<usize>| {
+            let views = half.iter().map(|i| &inliers[*i].views);
+            let seen = views.filter_map(|views| Observation::new(&geometry.arms, views));
+            pose::solve(&geometry.arms, &seen.collect::<Vec<_>>()).ok()
+        };
+        let compared = halves(geometry, inliers).into_iter().filter_map(|halves| {
+            let [a, b] = halves.map(solve);
             difference(&a?, &b?)
         });
         Self {

@@ -1,20 +1,14 @@
 //! Rotation of the target. The flow sums describe only displacements, so a rotating target is
 //! measured wrongly: half a degree of yaw is 18 sigma.
 //!
-//! A target that rotates by the small angle `ω` about the centroid of its points displaces the
-//! point at `p` from the centroid by `ω × p`. The midpoint model holds for each point's own
-//! displacement, so the residual that a pure displacement leaves in camera `k` is
-//!
-//! ```text
-//! r_k = g ((δ + ω × p)_xy - ξ_k (δ + ω × p)_z)
-//! ```
-//!
-//! with a correction `δ` of the displacement: six unknowns, by least squares. The covariance of `ω`
-//! is that of the remaining residuals, inflated by [`super::variance_inflation`].
+//! The rotation about the centroid of the points is fitted to what a displacement leaves
+//! ([`super::linear_motion`]), six unknowns by least squares. The covariance of `ω` is that of the
+//! remaining residuals, inflated by [`super::variance_inflation`].
 
 use super::Correspondence;
+use super::linear_motion::PointMotions;
 use crate::matching::geometry::RigGeometry;
-use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix3, Vector3};
 
 /// 95 % quantile of χ² with three degrees of freedom: the limit of a significant rotation.
 const SIGNIFICANT: f64 = 7.81;
@@ -41,61 +35,21 @@ impl TargetRotation {
         displacement_mm: [f64; 3],
         factor: f64,
     ) -> Option<Self> {
-        let arms = geometry.arms.arms_mm();
-        // Place of every point in space, mm, from its middle position in the first camera.
-        let points: Vec<_> = (inliers.iter())
-            .filter_map(|inlier| {
-                let views = &inlier.views;
-                let fit = geometry.arms.point(views)?;
-                let z = 1.0 / fit.inverse_depth;
-                let (at, arm) = (*fit.middles.first()?, arms.first()?);
-                let place = Vector3::new(at[0] * z + arm[0], at[1] * z + arm[1], z);
-                Some((fit, place, views))
-            })
-            .collect();
-        let centroid =
-            points.iter().map(|p| p.1).sum::<Vector3<f64>>() / points.len().max(1) as f64;
-        // Scale of the angles: their columns become as large as those of the displacement.
-        let size = (points
-            .iter()
-            .map(|p| (p.1 - centroid).norm_squared())
-            .sum::<f64>()
-            / points.len().max(1) as f64)
-            .sqrt();
+        let motions = PointMotions::of(geometry, inliers, displacement_mm);
+        Self::of_motions(&motions, factor)
+    }
 
-        // Normal equations of (δ, ω): one row per camera and axis.
-        let mut normal = Matrix6::<f64>::zeros();
-        let mut right = Vector6::<f64>::zeros();
-        let mut before = 0.0;
-        for (fit, place, views) in &points {
-            let p = (place - centroid) / size;
-            let cross = [[0.0, p.z, -p.y], [-p.z, 0.0, p.x], [p.y, -p.x, 0.0]];
-            for (k, view) in views.iter().enumerate() {
-                let (seen, expected) = (view.flow(), fit.flow(k, displacement_mm));
-                for axis in 0..2 {
-                    let mut row = [0.0; 6];
-                    row[axis] = 1.0;
-                    row[2] = -fit.middles[k][axis];
-                    for i in 0..3 {
-                        row[3 + i] = cross[axis][i] - fit.middles[k][axis] * cross[2][i];
-                    }
-                    let row = Vector6::from(row) * fit.inverse_depth;
-                    let residual = seen[axis] - expected[axis];
-                    normal += row * row.transpose();
-                    right += row * residual;
-                    before += residual * residual;
-                }
-            }
-        }
-
+    /// Does the same from the equations of the inliers.
+    pub(super) fn of_motions(motions: &PointMotions, factor: f64) -> Option<Self> {
         // Solution, remaining residual, and the test statistic of ω alone.
-        let inverse = normal.try_inverse()?;
-        let solved = inverse * right;
-        let after = (before - solved.dot(&right)).max(0.0);
-        let freedom = (2 * points.len() * geometry.cameras()).checked_sub(6)?;
+        let (all, size) = (motions.all(), motions.size_mm);
+        let rotated = all.rotated()?;
+        let (before, after) = (all.squares, rotated.squares);
+        let freedom = all.residuals.checked_sub(6)?;
         let variance = factor * after / freedom.max(1) as f64;
+        let solved = rotated.motion;
         let omega: Vector3<f64> = solved.fixed_rows::<3>(3).into();
-        let covariance: Matrix3<f64> = inverse.fixed_view::<3, 3>(3, 3) * variance;
+        let covariance: Matrix3<f64> = rotated.covariance.fixed_view::<3, 3>(3, 3) * variance;
         let chi_squared = omega.dot(&(covariance.try_inverse()? * omega));
         let rotation = Self {
             degrees: [0, 1, 2].map(|i| (omega[i] / size).to_degrees()),

@@ -4,7 +4,9 @@ use super::PoseMeasurement;
 use super::consensus::RigidConsensus;
 use crate::flow::accept::Tracking;
 use crate::flow::active_cameras::ActiveCameras;
+use crate::flow::consensus;
 use crate::flow::rigidity::Rigidity;
+use crate::flow::rigidity::parts::TwoParts;
 use crate::flow::sync::{self, UnsynchronisedCamera};
 use crate::flow::tracks::Tracks;
 use crate::flow::variance_inflation::{VarianceInflation, with_common_error};
@@ -45,12 +47,15 @@ impl Flow {
         let unsynchronised = skewed.filter(UnsynchronisedCamera::is_unsynchronised);
         // An unsynchronised camera bends a target, so it is left out first.
         let rigidity = Rigidity::of(geometry, &inliers, factor);
-        if unsynchronised.is_none() && rigidity.is_broken() {
+        let parts = two_parts(geometry, &inliers, inflation.factor);
+        let are_parts = parts.as_ref().is_some_and(TwoParts::are_certain);
+        if unsynchronised.is_none() && (rigidity.is_broken() || are_parts) {
             return Tracking::refused(refused);
         }
         // Small skews and small differences stay in the measurement; sigma contains their bias.
         let bias = skewed.map_or(1.0, |s| s.variance_inflation);
-        let factor = factor * bias.max(rigidity.variance_inflation());
+        let apart = parts.map_or(1.0, |parts| parts.inflation_of_pose());
+        let factor = factor * bias.max(rigidity.variance_inflation()).max(apart);
         let sigma_px = geometry.focal_px * found.model.sigma;
         let components = (2 * inliers.len() * geometry.cameras()) as f64;
         let factor = with_common_error(factor, sigma_px, components);
@@ -70,6 +75,14 @@ impl Flow {
             unsynchronised: unsynchronised.and_then(|camera| camera.in_rig(active)),
         }
     }
+}
+
+/// Compares the rotation with two displacements; `None` if the rotation is too large for that.
+fn two_parts(geometry: &RigGeometry, inliers: &[Correspondence], factor: f64) -> Option<TwoParts> {
+    let all: Vec<bool> = vec![true; inliers.len()];
+    let displaced = consensus::solve(&geometry.rig, inliers, &all)?;
+    let moved_mm = displaced.estimate.displacement_mm;
+    Some(TwoParts::of(geometry, inliers, moved_mm, factor)).filter(TwoParts::are_linear)
 }
 
 /// Measures the variance inflation of the inliers.
