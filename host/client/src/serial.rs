@@ -41,7 +41,7 @@ use trinocular_rig::interruption;
 /// Polling period of the line.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// Timeout for an answer, unless the heartbeat timeout is longer.
+/// Timeout for an answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Timeout for a stage to come to rest.
@@ -218,7 +218,7 @@ impl Serial {
             return Ok(None);
         }
         // It comes right behind the hello.
-        self.wait_until(Instant::now() + self.patience(), |client| {
+        self.wait_until(Instant::now() + PATIENCE, |client| {
             client.last_run().copied()
         })
     }
@@ -229,17 +229,11 @@ impl Serial {
     /// # Errors
     /// [`StationError::Silent`] without one; if the line is or was lost.
     pub fn fresh_status(&self, answered: bool) -> Result<Status, StationError> {
-        let patience = self.patience();
-        let status = self.wait_until(Instant::now() + patience, |client| match answered {
+        let status = self.wait_until(Instant::now() + PATIENCE, |client| match answered {
             true => client.status_since_answer().copied(),
             false => client.status_since_hello().copied(),
         })?;
-        status.ok_or_else(|| self.silence("status", patience))
-    }
-
-    /// Returns the timeout for an answer.
-    fn patience(&self) -> Duration {
-        self.shared.line().silence()
+        status.ok_or_else(|| self.silence("status", PATIENCE))
     }
 
     /// Returns the path of the port.

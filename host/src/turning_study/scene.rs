@@ -40,7 +40,8 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Returns true if two objects move apart by less than what makes an outlier.
+    /// Returns true if two objects move apart by less than what makes an outlier. A step in depth
+    /// between them looks like a rotation, so that nothing is claimed.
     pub fn is_close(&self) -> bool {
         self.apart_mm.is_some_and(|[least, _]| least < 0.1)
     }

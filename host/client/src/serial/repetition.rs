@@ -13,7 +13,7 @@
 //!   is lost, the error says what the station's status tells of it.
 
 use super::super::{StationError, diagnosis};
-use super::Serial;
+use super::{PATIENCE, Serial};
 use std::time::{Duration, Instant};
 use trinocular_core::frame::message::{Command, Status};
 use trinocular_core::safety::{Fault, State};
@@ -43,7 +43,7 @@ impl Serial {
         }
         let before = self.status();
         let repetition = repetition(&command, before.as_ref());
-        let end = Instant::now() + self.patience();
+        let end = Instant::now() + PATIENCE;
         let mut sent = vec![self.send(command)];
         loop {
             let pause = match repetition {
@@ -81,24 +81,24 @@ impl Serial {
     /// Returns the error for a command whose answer did not come, with the station's status if
     /// there is one.
     fn unanswered(&self, command: &'static str, before: Option<Status>) -> StationError {
+        let waited_ms = PATIENCE.as_millis() as u64;
         let mut line = self.shared.line();
-        let patience = line.silence();
         line.take_in();
         let now = line.client.status_since_hello().copied();
         let (Some(before), Some(now)) = (before, now) else {
             drop(line);
-            return self.silence(command, patience);
+            return self.silence(command, PATIENCE);
         };
-        if now.time.since(before.time) < patience.as_micros() as u64 / 2 {
+        if now.time.since(before.time) < PATIENCE.as_micros() as u64 / 2 {
             drop(line);
-            return self.silence(command, patience);
+            return self.silence(command, PATIENCE);
         }
         if !now.state.is_moving() {
             line.client.motion_mut().ended();
         }
         StationError::Unanswered {
             command,
-            waited_ms: patience.as_millis() as u64,
+            waited_ms,
             known: known(&before, &now),
         }
     }

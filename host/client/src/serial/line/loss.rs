@@ -1,7 +1,7 @@
 //! Loss of a line, and its return.
 //!
 //! A line is up, down or given up. It goes down when the port fails or the station answers no ping
-//! for [`Line::silence`]. From then on the port is closed, and opened again and greeted every [`RETRY`],
+//! for [`SILENCE`]. From then on the port is closed, and opened again and greeted every [`RETRY`],
 //! until a station answers or the patience ends. A pseudo-terminal is not opened again by its own
 //! name ([`terminal`](super::super::terminal)). A line that came back stays interrupted, without
 //! heartbeat, until the caller calls `resume`. So no motion goes on because a plug was put back. The
@@ -9,13 +9,15 @@
 
 use super::Line;
 use crate::StationError;
-use crate::serial::PATIENCE;
 use crate::serial::busy::Holder;
 use crate::serial::port::{self, Halves};
 use crate::serial::terminal::Terminal;
 use std::time::{Duration, Instant};
 use trinocular_core::frame::message::{Hello, Mismatch};
 use trinocular_core::safety::State;
+
+/// Silence after which a pinged station counts as lost.
+const SILENCE: Duration = Duration::from_secs(2);
 
 /// Period at which a lost port is opened again and hello repeated.
 const RETRY: Duration = Duration::from_millis(250);
@@ -59,9 +61,8 @@ impl Line {
             return self.go_down("the station restarted".to_owned());
         }
         let is_pinged = self.pings && self.interruption.is_none();
-        let silence = self.silence();
-        if is_pinged && self.heard.elapsed() > silence {
-            let reason = format!("no answer for {} s", silence.as_secs());
+        if is_pinged && self.heard.elapsed() > SILENCE {
+            let reason = format!("no answer for {} s", SILENCE.as_secs());
             // A silent pseudo-terminal is kept open, because its name may not be opened again. A
             // silent owner may go on; only one that closes the connection is lost.
             match (&self.terminal, &self.owner) {
@@ -69,13 +70,6 @@ impl Line {
                 _ => self.go_down(reason),
             }
         }
-    }
-
-    /// Returns the longest silence of a station in reach: [`PATIENCE`], or the heartbeat timeout if
-    /// that is longer, because a computer that may be silent for so long may also listen so late.
-    pub fn silence(&self) -> Duration {
-        let heartbeat_ms = self.configuration.map_or(0, |config| config.heartbeat_ms);
-        PATIENCE.max(Duration::from_millis(heartbeat_ms.into()))
     }
 
     /// Returns true if the station lost the configuration that it had from this program: it
