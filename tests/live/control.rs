@@ -242,8 +242,15 @@ fn shortened_jog_is_named_on_the_page() {
     let lab = Lab::start(TargetPath::Still);
     let mut page = lab.page();
     page.state(is_in("idle"));
-    assert_eq!(page.ask(&jog([80_000, 1_000, 0])), None);
-    let expected = "x was shortened to 60.0000 mm of 80 mm by the soft limits";
+    assert_eq!(page.ask(&jog([40_000, 1_000, 0])), None);
+    let end = Instant::now() + PATIENCE;
+    while lab.twin.steps() != [3_200, 80, 0] {
+        assert!(Instant::now() < end, "{:?}", lab.twin.steps());
+        page.state(|_| true);
+    }
+    page.state(is_in("idle"));
+    assert_eq!(page.ask(&jog([30_000, 0, 0])), None);
+    let expected = "x was shortened to 20.0000 mm of 30 mm by the soft limits";
     page.state(has_note(&[expected]));
     page.state(is_in("idle"));
     assert_eq!(lab.twin.steps(), [4_800, 80, 0]);

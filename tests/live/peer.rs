@@ -12,6 +12,8 @@ use tungstenite::{Message, WebSocket};
 pub struct Peer {
     pub socket: WebSocket<TcpStream>,
     count: u64,
+    /// The program's clock in the last message that carried it.
+    seen_ms: u64,
 }
 
 impl Peer {
@@ -37,7 +39,11 @@ impl Peer {
             request.headers_mut().insert("origin", header(origin));
         }
         match tungstenite::client(request, stream) {
-            Ok((socket, _)) => Ok(Self { socket, count: 0 }),
+            Ok((socket, _)) => Ok(Self {
+                socket,
+                count: 0,
+                seen_ms: 0,
+            }),
             Err(tungstenite::HandshakeError::Failure(tungstenite::Error::Http(response))) => {
                 Err(response.status())
             }
@@ -45,8 +51,12 @@ impl Peer {
         }
     }
 
-    /// Sends a message.
+    /// Sends a message; an action with what the page has seen.
     pub fn say(&mut self, message: &Value) {
+        let mut message = message.clone();
+        if message["do"].is_object() {
+            message["seen_ms"] = json!(self.seen_ms);
+        }
         let message = Message::text(message.to_string());
         self.socket.send(message).expect("the server takes it");
     }
@@ -58,7 +68,8 @@ impl Peer {
         while Instant::now() < end {
             match self.socket.read().expect("the server goes on") {
                 Message::Text(text) => {
-                    let message = serde_json::from_str(&text).expect("JSON");
+                    let message: Value = serde_json::from_str(&text).expect("JSON");
+                    self.seen_ms = message["clock_ms"].as_u64().unwrap_or(self.seen_ms);
                     if let Some(value) = wanted(&message) {
                         return value;
                     }
@@ -101,16 +112,23 @@ impl Peer {
         })
     }
 
-    /// Asks for an action; returns the reason of a refusal.
+    /// Asks for an action; returns the reason of a refusal. Asks again if messages that this page
+    /// had not read made what it saw too old.
     #[track_caller]
     pub fn ask(&mut self, action: &Value) -> Option<String> {
-        self.count += 1;
-        let id = self.count;
-        self.say(&json!({ "do": action, "id": id }));
-        self.wait(|message| {
-            let is_answer = message["type"] == "done" && message["id"] == id;
-            is_answer.then(|| message["error"].as_str().map(str::to_owned))
-        })
+        loop {
+            self.count += 1;
+            let id = self.count;
+            self.say(&json!({ "do": action, "id": id }));
+            let refusal: Option<String> = self.wait(|message| {
+                let is_answer = message["type"] == "done" && message["id"] == id;
+                is_answer.then(|| message["error"].as_str().map(str::to_owned))
+            });
+            if !(refusal.as_ref()).is_some_and(|reason| reason.contains("hung when this was sent"))
+            {
+                return refusal;
+            }
+        }
     }
 
     /// Returns true if the server closes the connection.

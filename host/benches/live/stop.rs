@@ -71,8 +71,8 @@ pub fn run(count: usize) {
     say(&mut page, &json!({ "token": token }));
     let mut times_ms: Vec<f64> = Vec::new();
     while times_ms.len() < count {
-        until(&mut page, "idle");
-        act(&mut page, &json!({"follow": {"on": true}}));
+        let seen_ms = until(&mut page, "idle");
+        act(&mut page, &json!({"follow": {"on": true}}), seen_ms);
         until(&mut page, "following");
         // Different phases of the loop, once the stage moves steadily.
         let pause = Duration::from_millis(700 + 13 * (times_ms.len() as u64 % 17));
@@ -81,13 +81,13 @@ pub fn run(count: usize) {
             let _ = read(&mut page);
         }
         let pressed = Instant::now();
-        act(&mut page, &json!({"stop": {}}));
-        until(&mut page, "stopped");
+        act(&mut page, &json!({"stop": {}}), 0);
+        let seen_ms = until(&mut page, "stopped");
         let last_edge = twin.last_edge();
         if last_edge > pressed {
             times_ms.push(last_edge.duration_since(pressed).as_secs_f64() * 1e3);
         }
-        act(&mut page, &json!({"reset": {}}));
+        act(&mut page, &json!({"reset": {}}), seen_ms);
     }
     is_over.store(true, Ordering::Relaxed);
     let _ = thread.join();
@@ -105,8 +105,9 @@ fn say(page: &mut Socket, message: &Value) {
     page.send(text).expect("the server takes it");
 }
 
-fn act(page: &mut Socket, action: &Value) {
-    say(page, &json!({ "do": action, "id": 1 }));
+/// Asks for an action, with the clock of the last message that was seen; a stop needs none.
+fn act(page: &mut Socket, action: &Value, seen_ms: u64) {
+    say(page, &json!({ "do": action, "id": 1, "seen_ms": seen_ms }));
 }
 
 /// Reads a message; image sets count as drawn.
@@ -121,7 +122,11 @@ fn read(page: &mut Socket) -> Option<Value> {
     }
 }
 
-/// Waits until the station is in a state.
-fn until(page: &mut Socket, state: &str) {
-    while read(page).is_none_or(|message| message["station"]["state"] != state) {}
+/// Waits until the station is in a state; returns the program's clock then, ms.
+fn until(page: &mut Socket, state: &str) -> u64 {
+    loop {
+        if let Some(message) = read(page).filter(|message| message["station"]["state"] == state) {
+            return message["clock_ms"].as_u64().expect("every state has it");
+        }
+    }
 }

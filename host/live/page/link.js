@@ -16,6 +16,9 @@ export class Link {
     this.token = takeToken();
     this.waiting = new Map();
     this.count = 0;
+    // The program's clock in the last message that carried it: it tells the program how old the
+    // things are that a user sees when a button is pressed.
+    this.seenMs = 0;
     this.connect();
     addEventListener("hashchange", () => {
       this.token = takeToken();
@@ -27,6 +30,7 @@ export class Link {
     const socket = new WebSocket(`ws://${location.host}/live`);
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
+      this.seenMs = 0;
       const key = sessionStorage.getItem(KEY);
       if (this.token) this.send({ token: this.token });
       else if (key) this.send({ key });
@@ -63,6 +67,7 @@ export class Link {
       this.waiting.delete(message.id);
       if (answer) answer(message.error);
     } else {
+      this.seenMs = message.clock_ms ?? this.seenMs;
       this.handlers[message.type]?.(message);
     }
   }
@@ -78,7 +83,7 @@ export class Link {
   do(action, patienceMs = 15_000) {
     return new Promise((resolve) => {
       const id = ++this.count;
-      if (!this.send({ do: action, id })) {
+      if (!this.send({ do: action, id, seen_ms: this.seenMs })) {
         resolve("not connected");
         return;
       }

@@ -5,14 +5,16 @@
 //! | `{"drawn": 7}` | image set 7 was drawn: the next one may come |
 //! | `{"token": "..."}` | exchanges the token of the control link for a key |
 //! | `{"key": "..."}` | shows a key from before |
-//! | `{"do": {"stop": {}}, "id": 3}` | does an action; needs a key before |
+//! | `{"do": {"stop": {}}, "id": 3, "seen_ms": 8120}` | does an action; needs a key before |
 //!
 //! To the page go the messages `hello`, `state`, `control`, `done` and `alive` (JSON) and image
 //! sets (binary, see `images`). The next image set waits until the last one was drawn. An action is
 //! `done` when the station has answered it; meanwhile the page may send further messages. `alive`
-//! comes every [`ALIVE`] whatever the run does, so that a page notices a program that hangs. An
-//! action other than stop that came while the program hung is refused when it goes on: the user has
-//! seen no answer, and may have gone.
+//! comes every [`ALIVE`] whatever the run does, so that a page notices a program that hangs.
+//!
+//! `state` and `alive` carry `clock_ms`, and an action carries the latest one that its page had seen
+//! as `seen_ms`. An action whose page saw nothing of the last [`UNSEEN`] is refused, unless it is a
+//! stop: the program or the connection hung, the user saw old things, and may have gone.
 
 use crate::access::Access;
 use crate::controls::{Action, Reply};
@@ -36,11 +38,8 @@ const SEND_PATIENCE: Duration = Duration::from_secs(5);
 /// Period of the sign of life.
 const ALIVE: Duration = Duration::from_millis(500);
 
-/// Time without any turn of the conversation after which the program was suspended or hung.
-const HUNG: Duration = Duration::from_millis(1_500);
-
-/// Time after that in which messages from before still come in.
-const LATE: Duration = Duration::from_millis(500);
+/// Age of what a page has seen from which on its actions are refused, except for a stop.
+const UNSEEN: Duration = Duration::from_millis(1_500);
 
 /// Longest time for the outcome of an action: longer than a stage ramps down before a reset.
 const OUTCOME_PATIENCE: Duration = Duration::from_secs(12);
@@ -67,11 +66,15 @@ enum Request {
     Do {
         r#do: Action,
         id: u64,
+        seen_ms: Option<u64>,
     },
     /// An action of another version. The variants are tried in this order.
     Unknown {
-        r#do: IgnoredAny,
+        #[serde(rename = "do")]
+        _do: IgnoredAny,
         id: u64,
+        #[serde(rename = "seen_ms")]
+        _seen_ms: Option<IgnoredAny>,
     },
 }
 
@@ -87,10 +90,8 @@ struct Page {
     sent: u64,
     /// Number of the last image set that was drawn.
     drawn: u64,
-    /// Instant of the last turn of the conversation.
-    awake: Instant,
-    /// Instant until which actions may be from before a time in which the program hung.
-    late_until: Instant,
+    /// Instant from which `clock_ms` counts.
+    since: Instant,
     /// Numbers of the actions without an outcome, each with its deadline, the earliest first.
     pending: VecDeque<(Instant, u64)>,
     outcomes: UnboundedReceiver<(u64, Outcome)>,
@@ -107,7 +108,6 @@ struct Gone;
 /// has shown a key.
 pub async fn attend(socket: WebSocket, hub: Arc<Hub>, is_open: bool) {
     let (outcome_sender, outcomes) = unbounded_channel();
-    let now = Instant::now();
     let mut page = Page {
         socket,
         controls: hub.controls(),
@@ -117,8 +117,7 @@ pub async fn attend(socket: WebSocket, hub: Arc<Hub>, is_open: bool) {
         noted: 0,
         sent: 0,
         drawn: 0,
-        awake: now,
-        late_until: now,
+        since: Instant::now(),
         pending: VecDeque::new(),
         outcomes,
         outcome_sender,
@@ -146,8 +145,6 @@ impl Page {
     }
 
     async fn serve(&mut self) -> Result<(), Gone> {
-        // The wait for a key was no silence of the program.
-        self.awake = Instant::now();
         let hello = self.hub.hello();
         self.send(Message::text(hello.to_string())).await?;
         let mut changed = self.hub.subscribe();
@@ -161,17 +158,14 @@ impl Page {
                 biased;
                 // This page keeps a sender, so that there is always a next outcome.
                 Some((id, outcome)) = self.outcomes.recv() => self.finish(id, outcome).await?,
-                message = self.socket.recv() => {
-                    self.wake();
-                    self.take(message).await?;
-                }
+                message = self.socket.recv() => self.take(message).await?,
                 () = sleep_until(deadline.unwrap_or(alive)), if deadline.is_some() => {
                     self.give_up().await?;
                 }
                 () = sleep_until(alive) => {
-                    self.wake();
                     alive = Instant::now() + ALIVE;
-                    self.send(Message::text(json!({"type": "alive"}).to_string())).await?;
+                    let sign = json!({"type": "alive", "clock_ms": self.clock_ms()});
+                    self.send(Message::text(sign.to_string())).await?;
                 }
                 is_alive = async {
                     sleep_until(next).await;
@@ -185,19 +179,15 @@ impl Page {
         }
     }
 
-    /// Notices that the program hung since the last turn. The sign of life makes a turn at least
-    /// every [`ALIVE`].
-    fn wake(&mut self) {
-        let now = Instant::now();
-        if now.duration_since(self.awake) > HUNG {
-            self.late_until = now + LATE;
-        }
-        self.awake = now;
+    /// Returns the time since the page came, ms.
+    fn clock_ms(&self) -> u64 {
+        self.since.elapsed().as_millis() as u64
     }
 
     /// Sends what is new.
     async fn update(&mut self) -> Result<(), Gone> {
-        let (state, seen, noted) = self.hub.state_since(self.seen, self.noted);
+        let (mut state, seen, noted) = self.hub.state_since(self.seen, self.noted);
+        state["clock_ms"] = json!(self.clock_ms());
         (self.seen, self.noted) = (seen, noted);
         self.send(Message::text(state.to_string())).await?;
         self.send_images().await
@@ -245,14 +235,15 @@ impl Page {
                 let is_known = self.access().is_some_and(|access| access.knows(&key));
                 self.admit(is_known.then_some(key)).await
             }
-            Request::Unknown {
-                r#do: IgnoredAny,
-                id,
-            } => {
+            Request::Unknown { id, .. } => {
                 let error = "unknown action, field or value".to_owned();
                 self.answer(id, Some(error)).await
             }
-            Request::Do { r#do: action, id } => match self.act(action, id) {
+            Request::Do {
+                r#do: action,
+                id,
+                seen_ms,
+            } => match self.act(action, id, seen_ms) {
                 Some(outcome) => self.answer(id, outcome.err()).await,
                 None => Ok(()),
             },
@@ -297,7 +288,7 @@ impl Page {
     }
 
     /// Does an action; returns its outcome if that is known at once.
-    fn act(&mut self, action: Action, id: u64) -> Option<Outcome> {
+    fn act(&mut self, action: Action, id: u64, seen_ms: Option<u64>) -> Option<Outcome> {
         let handle = match &self.controls {
             Some(handle) if self.may_control => handle,
             _ => {
@@ -313,7 +304,11 @@ impl Page {
             handle.controls.stop();
             return Some(Ok(()));
         }
-        if Instant::now() < self.late_until {
+        let Some(seen_ms) = seen_ms else {
+            let reason = "this page is of another version of the program: load it again";
+            return Some(Err(reason.to_owned()));
+        };
+        if self.clock_ms().saturating_sub(seen_ms) > UNSEEN.as_millis() as u64 {
             let reason = "the program or the connection hung when this was sent, so it was not \
                           done: see what the stage does, and send it again";
             return Some(Err(reason.to_owned()));
