@@ -76,12 +76,14 @@ def test_ten_thousand_calls_keep_the_memory(rig):
     assert t.estimate(points, small, rotation="refuse")
 
     def call(times):
-        for _ in range(times):
+        for count in range(times):
             flow.measure(images[1])
             t.estimate(np.empty((0, 3, 2, 2)), small)
             t.estimate(points, small, rotation="refuse")
-            flow.keyframe(images[0])
             t.Rig.from_toml(text)
+            # It takes as long as all the others together.
+            if count % 10 == 0:
+                flow.keyframe(images[0])
             pytest.raises(ValueError, flow.measure, images[1][:2])
         gc.collect()
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
