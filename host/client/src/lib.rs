@@ -6,9 +6,10 @@
 //! hardware: the very code of the board on virtual time, with a simulated stage at the step pins.
 //! [`serial`] is a station on a serial line, [`ports`] says which lines there are, [`owner`] lets
 //! several programs reach one station, [`clock`] keeps the station's time, [`plausible`] says which
-//! of its numbers can be true, [`diagnosis`] says what its states and faults mean. [`observer`] sees
-//! every byte on the line; [`tape`] records a twin's life for comparison. [`stage`] turns the rig
-//! file's stage into a configuration, [`shortened`] says where its soft limits shorten a jog.
+//! of its numbers can be true, [`diagnosis`] says what its states and faults mean. [`rest`] waits for
+//! the end of a motion, at most as long as its [`allowance`]. [`observer`] sees every byte on the
+//! line; [`tape`] records a twin's life for comparison. [`stage`] turns the rig file's stage into a
+//! configuration, [`shortened`] says where its soft limits shorten a jog.
 
 pub mod allowance;
 pub mod bound;
@@ -21,6 +22,7 @@ pub mod owner;
 pub mod plant;
 pub mod plausible;
 pub mod ports;
+pub mod rest;
 pub mod serial;
 pub mod shortened;
 pub mod stage;

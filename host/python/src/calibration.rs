@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::calibration::board::Board;
+use trinocular_vision::calibration::check::{doubt_square, obedient, refuse_same_camera};
 use trinocular_vision::calibration::folder::{CalibrationSettings, calibrate_listed};
 use trinocular_vision::calibration::photographs::list_paired;
 use trinocular_vision::calibration::result_json::objects;
@@ -53,21 +54,12 @@ pub fn calibrate(
         let photographs = list_paired(&dir, pair)?;
         let unread = photographs.warnings.iter().map(ToString::to_string);
         let mut warnings: Vec<String> = unread.collect();
+        warnings.extend(doubt_square(square_mm));
         let result = calibrate_listed(&dir, &photographs, &settings, &mut |share| progress(share))?;
+        refuse_same_camera(&dir, &result, square_mm)?;
+        let rig = obedient(&dir, &result)?;
         let mut of_result = result.warnings();
-        let rig = match result.rig_file() {
-            Some(rig) => {
-                of_result.extend(rig.doubts());
-                // It obeys every rule of a rig file.
-                let file = RigFile::parse(&dir, &rig.to_toml());
-                file.map(Some).map_err(|error| {
-                    let field = error.field.unwrap_or_default();
-                    let reason = format!("makes no rig: {field}: {}", error.reason);
-                    InputError::file(&dir, reason)
-                })?
-            }
-            None => None,
-        };
+        of_result.extend(rig.iter().flat_map(RigFile::doubts));
         let json = serde_json::Value::Array(objects(&result, &of_result));
         warnings.extend(of_result);
         Ok((rig.map(|file| Rig { file }), json.to_string(), warnings))

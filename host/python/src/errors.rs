@@ -2,7 +2,8 @@
 
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
-use trinocular_client::diagnosis::remedy;
+use trinocular_client::diagnosis::{self, remedy};
+use trinocular_core::safety::State;
 
 pyo3::create_exception!(
     _trinocular,
@@ -26,5 +27,12 @@ pub fn station(error: &trinocular_client::StationError) -> PyErr {
         Some(next) => format!("{error}; next: {next}"),
         None => error.to_string(),
     };
-    StationError::new_err(words.replace("give --port PATH", "name its path"))
+    let words = words.replace("give --port PATH", "name its path");
+    StationError::new_err(words.replace("--rig RIG.toml", "rig=Rig.load(path)"))
+}
+
+/// Returns the `StationError` of a stage that another command has stopped.
+pub fn stopped() -> PyErr {
+    let next = diagnosis::state(State::Stopped).action;
+    StationError::new_err(format!("stopped by another command; next: {next}"))
 }

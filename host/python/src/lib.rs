@@ -7,20 +7,24 @@
 //! | module | holds |
 //! |---|---|
 //! | [`rig`] | `Rig` |
+//! | [`choice`] | method, rotation and pivot |
 //! | [`flow`], [`pictures`], [`result`] | keyframe and measurements from arrays |
 //! | [`points`] | estimates from matched points |
 //! | [`recording`] | frame sets and tables of recordings and folders |
 //! | [`calibration`] | calibration from photographs |
 //! | [`scenario`] | simulated runs |
-//! | [`station`] | the stage |
+//! | [`station`], [`twin`] | the stage, and the simulated one |
+//! | [`follow`] | the closed loop |
 //! | [`interruption`] | Ctrl-C in long work |
 //!
 //! *Invariant:* work that takes longer than a millisecond releases the interpreter's lock, and work
 //! that takes longer than a second looks for Ctrl-C.
 
 mod calibration;
+mod choice;
 mod errors;
 mod flow;
+mod follow;
 mod interruption;
 mod pictures;
 mod points;
@@ -29,6 +33,7 @@ mod result;
 mod rig;
 mod scenario;
 mod station;
+mod twin;
 
 use pyo3::prelude::*;
 
@@ -48,7 +53,8 @@ fn _trinocular(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<recording::FrameSets>()?;
     module.add_class::<scenario::Scene>()?;
     module.add_class::<station::Station>()?;
-    module.add_class::<station::Twin>()?;
+    module.add_class::<twin::Twin>()?;
+    module.add_class::<follow::Follower>()?;
     module.add_function(wrap_pyfunction!(points::estimate, module)?)?;
     module.add_function(wrap_pyfunction!(points::estimate_file, module)?)?;
     module.add_function(wrap_pyfunction!(calibration::calibrate, module)?)?;

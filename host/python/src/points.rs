@@ -1,7 +1,7 @@
 //! Estimates from matched points.
 
+use crate::choice::{PyPivot, rule};
 use crate::errors::value;
-use crate::flow::{check, rule};
 use crate::result::Outcome;
 use crate::rig::Rig;
 use numpy::PyReadonlyArray4;
@@ -35,11 +35,10 @@ pub fn estimate_file<'py>(
     rig: &Rig,
     method: Option<&str>,
     rotation: Option<&str>,
-    pivot_mm: Option<[f64; 3]>,
+    pivot_mm: Option<PyPivot>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let rule = rule(method, rotation, pivot_mm)?;
-    check(&rule, &rig.file)?;
     let rig = &rig.file;
+    let rule = rule(rig, method, rotation, pivot_mm, true)?;
     let read = py.detach(|| -> Result<Outcome, InputError> {
         Ok(outcome(points::read(&path, rig)?, rig, &rule))
     });
@@ -56,11 +55,10 @@ pub fn estimate<'py>(
     rig: &Rig,
     method: Option<&str>,
     rotation: Option<&str>,
-    pivot_mm: Option<[f64; 3]>,
+    pivot_mm: Option<PyPivot>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let rule = rule(method, rotation, pivot_mm)?;
-    check(&rule, &rig.file)?;
     let rig = &rig.file;
+    let rule = rule(rig, method, rotation, pivot_mm, true)?;
     let cameras = pixels.shape()[1];
     let numbers = pixels.as_slice().map_err(value)?.to_vec();
     let read = py.detach(|| {

@@ -8,9 +8,8 @@ use numpy::prelude::*;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::thread;
+use std::sync::mpsc::SyncSender;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 use trinocular_recording::export::{Column, Table, columns};
 use trinocular_recording::read;
@@ -20,6 +19,7 @@ use trinocular_recording::read::survey::Survey;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::folder::{DEFAULT_PERIOD_US, Folder};
+use trinocular_vision::images::read_ahead::{Next, ReadAhead};
 use trinocular_vision::images::series::pairing::Rule;
 use trinocular_vision::images::{FrameSet, Image};
 
@@ -148,11 +148,10 @@ impl Source {
 
     /// Starts to read the frame sets on a thread of its own.
     fn frames(&self) -> PyResult<FrameSets> {
-        let (sender, receiver) = sync_channel(AHEAD);
         let size_px = self.rig.rig.image_size_px;
-        match self.files.clone() {
+        let sets = match self.files.clone() {
             Files::Folder(folder) => {
-                thread::spawn(move || send_all(folder.frame_sets(), &sender));
+                ReadAhead::start(AHEAD, move |sender| send_all(folder.frame_sets(), sender))
             }
             Files::Recording {
                 source,
@@ -160,14 +159,14 @@ impl Source {
                 tolerance_us,
             } => {
                 let topics = topics.map_err(value)?;
-                thread::spawn(move || {
+                ReadAhead::start(AHEAD, move |sender| {
                     let sets = read::frames::FrameSets::new(&source, topics, size_px, tolerance_us);
-                    send_all(sets, &sender);
-                });
+                    send_all(sets, sender);
+                })
             }
-        }
+        };
         Ok(FrameSets {
-            receiver: Mutex::new(receiver),
+            sets: Mutex::new(sets),
         })
     }
 
@@ -234,25 +233,29 @@ pub fn arrays<'py>(
 /// Native iterator over frame sets.
 #[pyclass(frozen, module = "trinocular._trinocular")]
 pub struct FrameSets {
-    receiver: Mutex<Receiver<Result<FrameSet, InputError>>>,
+    sets: Mutex<ReadAhead<Result<FrameSet, InputError>>>,
 }
 
 #[pymethods]
 impl FrameSets {
-    /// Returns the next frame set, or `None` at the end.
+    /// Returns the next frame set, or `None` at the end. A panic of the thread that reads them is
+    /// an exception of Python.
     fn next<'py>(&self, py: Python<'py>) -> PyResult<Option<PyFrame<'py>>> {
         loop {
-            let next = py.detach(|| match self.receiver.lock() {
-                Ok(receiver) => receiver.recv_timeout(LOOK),
-                Err(_) => Err(RecvTimeoutError::Disconnected),
+            let next = py.detach(|| {
+                // A panic leaves the end of the frame sets.
+                let mut sets = self.sets.lock().unwrap_or_else(PoisonError::into_inner);
+                sets.next_within(LOOK)
             });
             match next {
-                Ok(Ok(FrameSet { time_us, images })) => {
+                Next::Item(Ok(FrameSet { time_us, images })) => {
                     return Ok(Some((time_us, arrays(py, images)?, None)));
                 }
-                Ok(Err(error)) => return Ok(Some((0, Vec::new(), Some(error.to_string())))),
-                Err(RecvTimeoutError::Disconnected) => return Ok(None),
-                Err(RecvTimeoutError::Timeout) => py.check_signals()?,
+                Next::Item(Err(error)) => {
+                    return Ok(Some((0, Vec::new(), Some(error.to_string()))));
+                }
+                Next::End => return Ok(None),
+                Next::NotYet => py.check_signals()?,
             }
         }
     }

@@ -3,8 +3,8 @@
 use crate::errors::value;
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
-use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::calibration::exchange::{self, Assembled, CameraFile, Member};
+use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_vision::calibration::exchange::{self, Assembled};
 
 /// Native rig; `trinocular.Rig` wraps and documents it.
 #[pyclass(frozen, eq, from_py_object, module = "trinocular._trinocular")]
@@ -31,32 +31,16 @@ impl Rig {
         Ok(Self { file })
     }
 
-    /// Assemble a rig from the files of its cameras. The file's name is the camera's name.
+    /// Assemble a rig from files of other programs; returns it with the doubts about it.
     #[staticmethod]
-    fn assemble(files: Vec<PathBuf>, offsets_mm: Vec<(String, [f64; 2])>) -> PyResult<Self> {
-        let names: Vec<String> = files
-            .iter()
-            .map(|file| exchange::camera_name(file))
-            .collect();
-        if let Some((unknown, _)) = offsets_mm.iter().find(|(name, _)| !names.contains(name)) {
-            let names = names.join(", ");
-            return Err(value(format!(
-                "offsets_mm of {unknown:?}: the files are those of {names}"
-            )));
-        }
-        let mut members = Vec::new();
-        for (path, name) in files.iter().zip(&names) {
-            let given = offsets_mm.iter().rev().find(|(camera, _)| camera == name);
-            members.push(Member {
-                path: path.clone(),
-                name: name.clone(),
-                file: CameraFile::read(path).map_err(value)?,
-                offset_mm: given.map(|(_, offset_mm)| *offset_mm),
-            });
-        }
-        let Assembled { rig, .. } = exchange::assemble(&members).map_err(value)?;
-        // It obeys every rule of a rig file.
-        parse(&rig.to_toml())
+    fn assemble(
+        files: Vec<PathBuf>,
+        offsets_mm: Vec<(String, [f64; 2])>,
+        image_size_px: Option<[u32; 2]>,
+    ) -> PyResult<(Self, Vec<String>)> {
+        let assembled = exchange::rig_of(&files, &offsets_mm, image_size_px);
+        let Assembled { rig, doubts } = assembled.map_err(value)?;
+        Ok((Self { file: rig }, doubts))
     }
 
     /// Return the rig of the paper: three cameras in line, 320 x 240 px, no stage.
@@ -105,6 +89,14 @@ impl Rig {
     /// cannot be written.
     fn save(&self, path: PathBuf) -> PyResult<()> {
         self.file.write(&path).map_err(value)
+    }
+
+    /// Sentences about probable mistakes of units and names, and about the stage's settings.
+    fn doubts(&self) -> Vec<String> {
+        let of_stage = self.file.stage.as_ref().and_then(Stage::doubt);
+        let mut doubts = self.file.doubts();
+        doubts.extend(of_stage.map(str::to_owned));
+        doubts
     }
 
     /// Names of the cameras, in the order of all arrays.

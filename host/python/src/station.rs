@@ -1,59 +1,27 @@
-//! The station: a stage on a port, or the built-in twin.
+//! The station: a stage on a port.
+//!
+//! *Invariant:* the line is locked for single calls only, never while something is waited for that
+//! the stage does: a stop from another thread goes out at once.
 
-use crate::errors::{station, value};
+use crate::errors::{station, stopped, value};
 use crate::rig::Rig;
 use pyo3::prelude::*;
 use serde_json::json;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use trinocular_client::allowance::Allowance;
+use trinocular_client::rest::{self, RestWatch};
 use trinocular_client::serial::Serial;
-use trinocular_client::stage::{configuration, setpoint};
-use trinocular_client::twin::TwinOnPort;
+use trinocular_client::stage::{configuration_at, setpoint};
 use trinocular_client::{StationError, diagnosis, ports};
-use trinocular_core::frame::message::{Command, Config, Denial, Mounting, Status};
+use trinocular_core::frame::message::{Command, Denial, Mounting, Status};
 use trinocular_core::safety::{Fault, State};
 use trinocular_rig::rig_file::Stage;
 
 /// Polling period of a stage in motion.
 const LOOK: Duration = Duration::from_millis(10);
-/// Timeout for a stage to come to rest after a stop.
+/// Timeout for a stage to come to rest before a reset.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
-
-/// Native twin: the station's own code with a simulated stage, behind a pseudo-terminal.
-#[pyclass(frozen, module = "trinocular._trinocular")]
-pub struct Twin {
-    twin: TwinOnPort,
-}
-
-fn stage_of(rig: &Rig) -> PyResult<Stage> {
-    rig.file.stage.clone().ok_or_else(|| {
-        value(
-            "the rig has no [stage] section, which describes the axes that the station moves; \
-             `trinocular init` writes one",
-        )
-    })
-}
-
-#[pymethods]
-impl Twin {
-    #[new]
-    fn new(rig: &Rig) -> PyResult<Self> {
-        let twin = TwinOnPort::start(&stage_of(rig)?).map_err(|error| station(&error))?;
-        Ok(Self { twin })
-    }
-
-    #[getter]
-    fn path(&self) -> &str {
-        self.twin.path()
-    }
-
-    /// Steps that the pins made since the start, backward ones subtracted.
-    #[getter]
-    fn steps(&self) -> [i64; 3] {
-        self.twin.steps()
-    }
-}
 
 /// Native connection to a station.
 #[pyclass(frozen, module = "trinocular._trinocular")]
@@ -73,6 +41,19 @@ impl Drop for Station {
     }
 }
 
+/// Returns the stage of a rig.
+///
+/// # Errors
+/// `ValueError` if it has none.
+pub fn stage_of(rig: &Rig) -> PyResult<Stage> {
+    rig.file.stage.clone().ok_or_else(|| {
+        value(
+            "the rig has no [stage] section, which describes the axes that the station moves; \
+             `trinocular init` writes one",
+        )
+    })
+}
+
 impl Station {
     fn lock(&self) -> MutexGuard<'_, Option<Serial>> {
         self.serial.lock().unwrap_or_else(PoisonError::into_inner)
@@ -82,7 +63,7 @@ impl Station {
     fn with<T: Send>(
         &self,
         py: Python<'_>,
-        work: impl FnOnce(&mut Serial) -> Result<T, StationError> + Send,
+        work: impl FnOnce(&mut Serial) -> T + Send,
     ) -> PyResult<T> {
         if std::process::id() != self.process {
             return Err(value(
@@ -90,15 +71,32 @@ impl Station {
             ));
         }
         let outcome = py.detach(|| self.lock().as_mut().map(work));
-        let outcome = outcome.ok_or_else(|| value("the station is closed"))?;
-        outcome.map_err(|error| station(&error))
+        outcome.ok_or_else(|| value("the station is closed"))
     }
 
-    fn send(&self, py: Python<'_>, name: &'static str, command: Command) -> PyResult<Status> {
-        self.with(py, |serial| {
-            serial.command(name, command)?;
-            serial.fresh_status(true)
-        })
+    /// Runs `work` with the line as [`Station::with`] does; its error is raised.
+    pub fn call<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut Serial) -> Result<T, StationError> + Send,
+    ) -> PyResult<T> {
+        self.with(py, work)?.map_err(|error| station(&error))
+    }
+
+    /// Returns the position of the stage in mm, if the stage is known.
+    pub fn in_mm(&self, steps: [i32; 3]) -> Option<[f64; 3]> {
+        let stage = self.stage.as_ref()?;
+        Some([0, 1, 2].map(|axis| f64::from(steps[axis]) / stage.steps_per_mm[axis]))
+    }
+
+    /// Raises what ended a motion or a loop: a fault, a restart, a stop. `status` is that of a
+    /// stage that stands.
+    pub fn check_end(&self, py: Python<'_>, status: &Status) -> PyResult<()> {
+        let port = self.with(py, |serial| serial.path())?;
+        match rest::ended(status, &port).map_err(|error| station(&error))? {
+            true => Err(stopped()),
+            false => Ok(()),
+        }
     }
 
     /// Sends a command to move to a stage that stands.
@@ -109,7 +107,7 @@ impl Station {
         command: Command,
         may_move: bool,
     ) -> PyResult<()> {
-        self.with(py, |serial| {
+        self.call(py, |serial| {
             if !may_move && serial.fresh_status(false)?.state.is_moving() {
                 let denial = Denial::Moving;
                 return Err(StationError::Denied {
@@ -122,30 +120,34 @@ impl Station {
     }
 
     fn stop_and_rest(&self, py: Python<'_>) -> PyResult<()> {
-        self.with(py, |serial| {
-            serial.stop()?;
-            serial.until_rest().map(drop)
-        })
+        self.call(py, Serial::stop)?;
+        let mut ramp = Allowance::RAMP.start(Instant::now());
+        while self.call(py, |serial| serial.stands(&mut ramp))?.is_none() {
+            py.detach(|| std::thread::sleep(LOOK));
+        }
+        Ok(())
     }
 
-    /// Waits until the stage stands. Ctrl-C stops it on a ramp and is raised then.
+    /// Waits until the stage stands. Ctrl-C stops it on a ramp and is raised then; so is whatever
+    /// else ends the wait.
     fn until_rest(&self, py: Python<'_>, allowance: Allowance) -> PyResult<()> {
-        let mut allowance = allowance.start(Instant::now());
+        let mut motion = RestWatch::begin(allowance, Instant::now());
         loop {
-            if let Err(raised) = py.check_signals() {
-                self.stop_and_rest(py)?;
-                return Err(raised);
+            let looked = py.check_signals().and_then(|()| {
+                self.call(py, |serial| {
+                    let status = serial.fresh_status(true)?;
+                    let is_over = motion.is_over(Instant::now(), &status)?;
+                    Ok(is_over.then_some(status))
+                })
+            });
+            match looked {
+                Ok(Some(status)) => return self.check_end(py, &status),
+                Ok(None) => py.detach(|| std::thread::sleep(LOOK)),
+                Err(raised) => {
+                    self.stop_and_rest(py)?;
+                    return Err(raised);
+                }
             }
-            let status = self.with(py, |serial| serial.fresh_status(true))?;
-            if !status.state.is_moving() && status.state != State::Stopping {
-                return why_it_stands(&status);
-            }
-            if let Some(waited) = allowance.spent(Instant::now(), Some(&status)) {
-                self.stop_and_rest(py)?;
-                let waited_s = waited.as_secs();
-                return Err(station(&StationError::Overdue { waited_s }));
-            }
-            py.detach(|| std::thread::sleep(LOOK));
         }
     }
 
@@ -156,11 +158,6 @@ impl Station {
     }
 
     fn json(&self, status: &Status, port: &str) -> String {
-        let in_mm = |steps: [i32; 3]| {
-            let stage = self.stage.as_ref()?;
-            let mm = |axis: usize| f64::from(steps[axis]) / stage.steps_per_mm[axis];
-            Some([0, 1, 2].map(mm))
-        };
         let fault = |fault: Fault| {
             let name = diagnosis::fault(fault).name;
             json!({"number": fault.number(), "name": name})
@@ -174,8 +171,8 @@ impl Station {
             "trust": diagnosis::trust(status.trust),
             "position_steps": status.position_steps,
             "target_steps": status.target_steps,
-            "position_mm": in_mm(status.position_steps),
-            "target_mm": in_mm(status.target_steps),
+            "position_mm": self.in_mm(status.position_steps),
+            "target_mm": self.in_mm(status.target_steps),
             "port": port,
             "time_us": status.time.micros(),
             "next": diagnosis::next_step(status),
@@ -184,25 +181,21 @@ impl Station {
     }
 }
 
-/// Returns the error behind a motion that did not end by itself.
-fn why_it_stands(status: &Status) -> PyResult<()> {
-    if let Some(fault) = status.fault {
-        return Err(station(&StationError::Faulted(fault)));
-    }
-    if status.state == State::Stopped {
-        let next = diagnosis::state(status.state).action;
-        return Err(crate::errors::StationError::new_err(format!(
-            "stopped by another command; next: {next}"
-        )));
-    }
-    Ok(())
-}
-
 #[pymethods]
 impl Station {
     #[new]
-    fn new(py: Python<'_>, port: &str, rig: Option<&Rig>, heartbeat_ms: u16) -> PyResult<Self> {
+    fn new(
+        py: Python<'_>,
+        port: &str,
+        rig: Option<&Rig>,
+        heartbeat_ms: u16,
+        fixed: bool,
+    ) -> PyResult<Self> {
         let stage = rig.map(stage_of).transpose()?;
+        let mounting = match fixed {
+            true => Mounting::Fixed,
+            false => Mounting::OnStage,
+        };
         let connect = || {
             let path = ports::resolve(port)?;
             let mut serial = Serial::connect(&path)?;
@@ -212,12 +205,8 @@ impl Station {
                 return Err(StationError::Mismatch(mismatches.to_vec()));
             }
             if let Some(stage) = &stage {
-                let config = configuration(stage, Mounting::OnStage)?;
-                let config = Command::Config(Config {
-                    heartbeat_ms,
-                    ..config
-                });
-                serial.command("config", config)?;
+                let config = configuration_at(stage, mounting, heartbeat_ms)?;
+                serial.command("config", Command::Config(config))?;
             }
             serial.start_heartbeat()?;
             Ok(serial)
@@ -232,10 +221,21 @@ impl Station {
 
     /// Status in JSON.
     fn status(&self, py: Python<'_>) -> PyResult<String> {
-        let (status, port) = self.with(py, |serial| {
+        let (status, port) = self.call(py, |serial| {
             Ok((serial.fresh_status(false)?, serial.path()))
         })?;
         Ok(self.json(&status, &port))
+    }
+
+    /// Position of the stage in mm, if the stage is known.
+    fn position_mm(&self, py: Python<'_>) -> PyResult<Option<[f64; 3]>> {
+        let status = self.call(py, |serial| serial.fresh_status(false))?;
+        Ok(self.in_mm(status.position_steps))
+    }
+
+    /// The line's clock, µs, on which capture times of frames are.
+    fn now_us(&self, py: Python<'_>) -> PyResult<u64> {
+        self.with(py, |serial| serial.now_us())
     }
 
     fn jog(&self, py: Python<'_>, distance_mm: [f64; 3], wait: bool) -> PyResult<()> {
@@ -267,36 +267,58 @@ impl Station {
     }
 
     fn wait(&self, py: Python<'_>) -> PyResult<()> {
+        self.call(py, |serial| match serial.fresh_status(false)?.state {
+            State::Unconfigured => Err(StationError::Denied {
+                command: "to wait",
+                denial: Denial::Unconfigured,
+            }),
+            _ => Ok(()),
+        })?;
         self.until_rest(py, Allowance::UNKNOWN)
     }
 
     fn zero(&self, py: Python<'_>) -> PyResult<()> {
-        self.send(py, "zero", Command::Zero).map(drop)
+        self.call(py, |serial| {
+            serial.command("zero", Command::Zero)?;
+            serial.fresh_status(true).map(drop)
+        })
     }
 
     fn stop(&self, py: Python<'_>) -> PyResult<()> {
         self.stop_and_rest(py)
     }
 
+    /// Stops a stage that moves, or may move because of a command; nothing else.
+    fn stop_motion(&self, py: Python<'_>) -> PyResult<()> {
+        let is_open = py.detach(|| self.lock().is_some());
+        match is_open && self.with(py, |serial| serial.is_moving())? {
+            true => self.stop_and_rest(py),
+            false => Ok(()),
+        }
+    }
+
     fn reset(&self, py: Python<'_>) -> PyResult<()> {
         let end = Instant::now() + REST_PATIENCE;
-        self.with(py, |serial| {
-            loop {
-                match serial.command("reset", Command::Reset) {
-                    // The ramp, or the report of a fault, is still under way.
-                    Err(error) if error.is_passing() && Instant::now() < end => {
-                        std::thread::sleep(LOOK);
-                    }
-                    outcome => return outcome,
+        loop {
+            py.check_signals()?;
+            match self.with(py, |serial| serial.command("reset", Command::Reset))? {
+                // The ramp, or the report of a fault, is still under way.
+                Err(error) if error.is_passing() && Instant::now() < end => {
+                    py.detach(|| std::thread::sleep(LOOK));
                 }
+                outcome => return outcome.map_err(|error| station(&error)),
             }
-        })
+        }
     }
 
     /// Stops a motion and closes the line.
     fn close(&self, py: Python<'_>) {
         if std::process::id() == self.process {
-            py.detach(|| drop(self.lock().take()));
+            py.detach(|| {
+                // Taken out first: the stop of the motion takes its time.
+                let serial = self.lock().take();
+                drop(serial);
+            });
         }
     }
 }

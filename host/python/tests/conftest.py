@@ -1,9 +1,14 @@
 """What the tests share: example data of the repository, the installed program, a rendered scene."""
 
+import functools
 import json
 import os
+import signal
 import subprocess
+import sys
 import sysconfig
+import textwrap
+import time
 from pathlib import Path
 
 import pytest
@@ -19,6 +24,20 @@ def run(*arguments, **options):
     """Run the installed program."""
     words = [PROGRAM, *map(str, arguments)]
     return subprocess.run(words, capture_output=True, text=True, timeout=300, **options)
+
+
+def interrupted(code, *, at):
+    """Start Python code, wait for the word `at`, send Ctrl-C; return code and error."""
+    words = [sys.executable, "-u", "-c", textwrap.dedent(code)]
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    # A shell that starts tests in the background lets them ignore Ctrl-C, and so their children.
+    heed = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    process = subprocess.Popen(words, **options, cwd=ROOT, preexec_fn=heed)
+    assert process.stdout.readline().strip() == at
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    out, error = process.communicate(timeout=60)
+    return process.returncode, out, error
 
 
 def rows(*arguments):

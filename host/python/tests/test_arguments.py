@@ -2,10 +2,12 @@
 
 import copy
 import pickle
+import shutil
+import warnings
 
 import numpy as np
 import pytest
-from conftest import DATA
+from conftest import DATA, ROOT
 
 import trinocular as t
 
@@ -43,7 +45,10 @@ def test_faults_of_files_have_their_place(tmp_path):
         ({"rotation": "maybe"}, "refuse"),
         ({"method": "best"}, "midpoint"),
         ({"method": "closed-form", "rotation": "estimate"}, "midpoint"),
-        ({"rotation": "refuse", "pivot_mm": (0, 0, 850)}, "estimate"),
+        ({"rotation": "refuse", "pivot_mm": (0, 0, 850)}, 'pivot_mm: .* give rotation="estimate"'),
+        ({"pivot_mm": (0, 0, 850)}, 'give rotation="estimate"'),
+        ({"rotation": "refuse", "pivot_mm": "centroid"}, 'give rotation="estimate"'),
+        ({"rotation": "estimate", "pivot_mm": "1,2,800"}, "centroid"),
         ({"rotation": "estimate", "pivot_mm": (0, np.nan, 850)}, "finite"),
         ({"roi": (0, 0, 10_000, 10)}, "beyond"),
         ({"roi": (-1, 0, 10, 10)}, "beyond"),
@@ -119,12 +124,83 @@ def test_opencv_files_make_a_rig(rig, tmp_path):
     assert again.to_dict()["camera"] == rig.to_dict()["camera"]
     files = sorted((tmp_path / "cv").iterdir())
     assert t.Rig.from_opencv(files, offsets) == again
-    with pytest.raises(ValueError, match="folder"):
+    with pytest.raises(ValueError, match="2 to 8"):
         t.Rig.from_opencv(files[0])
-    with pytest.raises(ValueError, match="left, middle, right"):
+    with pytest.raises(ValueError, match="offsets_mm of up: .* left, middle, right"):
         t.Rig.from_opencv(files, {"up": (0, 0)})
     with pytest.raises(ValueError, match="2 to 8"):
         t.Rig.from_opencv([])
+    with pytest.raises(ValueError, match="holds no file of a camera"):
+        t.Rig.from_opencv(tmp_path)
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    for file in files:
+        (bare / file.name).write_text(file.read_text().split("\nR:")[0])
+    with pytest.raises(ValueError, match=r'give offsets_mm=\{"left": \(X, Y\)\}'):
+        t.Rig.from_opencv(bare)
+
+
+CAMCHAIN = """\
+cam0:
+  camera_model: pinhole
+  distortion_coeffs: [-0.1, 0.02, 0.0, 0.0]
+  distortion_model: radtan
+  intrinsics: [530.0, 531.0, 319.5, 239.5]
+  resolution: [640, 480]
+cam1:
+  T_cn_cnm1:
+  - [1.0, 0.0, 0.0, {shift}]
+  - [0.0, 1.0, 0.0, 0.0]
+  - [0.0, 0.0, 1.0, 0.0]
+  - [0.0, 0.0, 0.0, 1.0]
+  camera_model: pinhole
+  distortion_coeffs: [-0.1, 0.02, 0.0, 0.0]
+  distortion_model: radtan
+  intrinsics: [530.0, 531.0, 319.5, 239.5]
+  resolution: [640, 480]
+"""
+
+
+def test_camchain_is_read_as_by_convert(tmp_path):
+    from conftest import run
+
+    chain, out = tmp_path / "camchain.yaml", tmp_path / "rig.toml"
+    chain.write_text(CAMCHAIN.format(shift=-0.07))
+    assert run("convert", chain, "--out", out).returncode == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rig = t.Rig.from_opencv(chain)
+    assert rig == t.Rig.load(out) and rig.names == ["cam0", "cam1"]
+    with pytest.raises(ValueError, match="image_size_px goes with"):
+        t.Rig.from_opencv(chain, image_size_px=(640, 480))
+    for wrong in (640, "640x480", (640,), (640, 4)):
+        with pytest.raises((TypeError, ValueError), match="image_size_px"):
+            t.Rig.from_opencv(chain, image_size_px=wrong)
+
+
+def test_doubts_are_warnings_of_python(rig, tmp_path):
+    # As of an offset in metres that was taken for mm.
+    chain = tmp_path / "camchain.yaml"
+    chain.write_text(CAMCHAIN.format(shift=-0.0003))
+    with pytest.warns(UserWarning, match="in metres") as caught:
+        small = t.Rig.from_opencv(chain)
+    assert caught[0].filename == __file__
+    for make in (
+        lambda: t.Rig.from_dict(small.to_dict()),
+        lambda: t.Rig.from_toml(small.to_toml()),
+    ):
+        with pytest.warns(UserWarning, match="in metres"):
+            assert make() == small
+    small.save(tmp_path / "small.toml")
+    with pytest.warns(UserWarning, match="in metres"):
+        t.Rig.load(tmp_path / "small.toml")
+    fields = rig.to_dict()
+    fields["stage"]["prediction"] = False
+    with pytest.warns(UserWarning, match="prediction is false"):
+        unpredicted = t.Rig.from_dict(fields)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert pickle.loads(pickle.dumps(unpredicted)) == unpredicted
 
 
 def test_measurement_is_pickled(rig, before, after):
@@ -195,6 +271,18 @@ def test_wrong_calibrations_are_refused(options):
     assert "/tmp" not in str(raised.value)
 
 
+def test_useless_calibrations_are_refused(tmp_path):
+    boards = ROOT / "tests" / "images" / "chessboard"
+    for name in ("left", "right"):
+        shutil.copytree(boards / "left", tmp_path / name)
+    with pytest.raises(ValueError, match="`left` and `right` are at the same place"):
+        t.calibrate(tmp_path, (9, 6), 25)
+    shutil.rmtree(tmp_path / "right")
+    doubtful = t.calibrate(tmp_path, (9, 6), 0.025)
+    assert any("is square_mm in metres?" in warning for warning in doubtful.warnings)
+    assert doubtful.rig is None
+
+
 @pytest.mark.parametrize("seed", [-1, 1.5, "1", 2**64])
 def test_wrong_seeds_are_refused(rig, scene, seed):
     for call in (lambda: t.Scene(rig, seed), lambda: scene.render((0, 0, 0), seed=seed)):
@@ -214,6 +302,21 @@ def test_folders_hold_no_measurements(data, rig):
     for _ in range(20):
         first = next(iter(recording))
     assert len(list(recording)) == len(list(recording)) > 1 and first.refused is None
+
+
+def test_unreadable_frames_are_refused(rig, before, after):
+    unread = t.Frame(7, (), "left.png: is no image")
+    assert "left.png" in t.measure(unread, after, rig).refused
+    assert "left.png" in t.measure(before, unread, rig).refused
+    assert t.measure(before, unread, rig).time_us == 7
+    flow = t.Flow(rig)
+    assert flow.keyframe(before) is None
+    assert "left.png" in flow.measure(unread).refused
+    assert flow.measure(after)
+    # An old keyframe must not stand in for one that cannot be read.
+    assert flow.keyframe(unread) == "left.png: is no image"
+    assert "keyframe cannot be read: left.png" in flow.measure(after).refused
+    assert flow.keyframe(before) is None and flow.measure(after)
 
 
 def test_images_of_another_size_are_refused(data, rig):

@@ -3,7 +3,10 @@
 import csv
 import json
 
+import cv2
+import matplotlib.image
 import numpy as np
+import pandas
 import pytest
 from conftest import ROOT, printed, rows, run
 
@@ -62,6 +65,56 @@ def test_regions_measure_as_roi(data, rig):
     flow.keyframe(frames[0])
     for frame, row in zip(frames[1:], expected):
         check(flow.measure(frame), row)
+
+
+@pytest.fixture
+def captures(scene, tmp_path):
+    """Return a folder of frame sets whose keyframe is overexposed in the middle."""
+    for name in ("left", "middle", "right"):
+        (tmp_path / "captures" / name).mkdir(parents=True)
+    for k in range(3):
+        images = scene.render((0.5 * k, 0, 0), seed=k + 1)
+        if k == 0:
+            images[1, :8] = 255
+        for name, image in zip(("left", "middle", "right"), images):
+            assert cv2.imwrite(str(tmp_path / "captures" / name / f"{k}.png"), image)
+    return tmp_path / "captures"
+
+
+def test_exposure_of_keyframe_is_named(captures, data, rig):
+    expected = rows("estimate", captures, "--rig", data / "rig.toml", "--json")
+    assert "camera middle" in expected[0]["warnings"][0] and "warnings" not in expected[1]
+    frames = list(t.read(captures, rig))
+    flow = t.Flow(rig)
+    flow.keyframe(frames[0])
+    measured = [flow.measure(frame) for frame in frames[1:]]
+    assert [list(one.warnings) for one in measured] == [expected[0]["warnings"], []]
+    assert list(t.measure(frames[0], frames[1], rig).warnings) == expected[0]["warnings"]
+
+
+@pytest.mark.parametrize("pivot", ["centroid", [-12.5, 8.0, 850.0]])
+def test_rotation_of_rig_file_is_heeded(captures, data, tmp_path, pivot):
+    text = (data / "rig.toml").read_text()
+    turning = tmp_path / "turning.toml"
+    turning.write_text(f'rotation = "estimate"\npivot = {json.dumps(pivot)}\n' + text)
+    rig = t.Rig.load(turning)
+    frames = list(t.read(captures, rig))
+    for options in ({}, {"rotation": "refuse"}, {"pivot_mm": "centroid"}):
+        words = []
+        for name, value in options.items():
+            words += ["--pivot" if name == "pivot_mm" else f"--{name}", value]
+        expected = rows("estimate", captures, "--rig", turning, "--json", *words)
+        assert ("rotation_deg" in expected[0]) == ("rotation" not in options)
+        flow = t.Flow(rig, **options)
+        flow.keyframe(frames[0])
+        for frame, row in zip(frames[1:], expected):
+            check(flow.measure(frame), row)
+        check(t.measure(frames[0], frames[1], rig, **options), expected[0])
+        points = ["estimate", data / "points.csv", "--rig", turning, "--json", *words]
+        check(t.estimate(data / "points.csv", rig, **options), rows(*points)[0])
+    closed = ["--rig", turning, "--json", "--method", "closed-form"]
+    (row,) = rows("estimate", data / "points.csv", *closed)
+    check(t.estimate(data / "points.csv", rig, "closed-form"), row)
 
 
 @pytest.mark.parametrize(
@@ -124,10 +177,8 @@ def test_recording_reads_as_export(tmp_path):
             else:
                 number = float(cell) if cell else np.nan
                 np.testing.assert_equal(float(here[name]), number, err_msg=name)
-    pandas = pytest.importorskip("pandas")
     frame = recording.to_pandas()
     assert isinstance(frame, pandas.DataFrame) and frame["x_mm"].iloc[-1] == rows_here["x_mm"][-1]
-    pytest.importorskip("polars")
     frame = recording.to_polars()
     assert frame["x_mm"][-1] == rows_here["x_mm"][-1] and frame["x_mm"].null_count() > 0
     assert len(list(recording)) > 10
@@ -161,9 +212,8 @@ def test_calibration_equals_calibrate(tmp_path):
     assert printed({"rig": result.places}) == {"rig": places[0]}
     assert result.rig == t.Rig.load(out)
     # Arrays are calibrated as files are.
-    image = pytest.importorskip("matplotlib.image")
     cameras = {
-        name: [image.imread(file) for file in sorted((boards / name).iterdir())]
+        name: [matplotlib.image.imread(file) for file in sorted((boards / name).iterdir())]
         for name in ("left", "right")
     }
     assert cameras["left"][0].dtype == np.uint8

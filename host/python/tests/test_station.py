@@ -79,9 +79,39 @@ def test_closed_station_says_so(rig):
 
 def test_end_of_block_stops_the_stage(rig):
     with pytest.raises(RuntimeError, match="mine"), t.Station.twin(rig) as station:
+        twin = station._twin
         station.jog(x=50, wait=False)
-        time.sleep(0.1)
         raise RuntimeError("mine")
+    with t.Station(twin.path) as other:
+        assert other.status()["state"] == "stopped"
+        assert 0 <= other.status()["position_steps"][0] < 50 * 80
+
+
+def test_others_are_served_while_one_waits(station):
+    waiting = threading.Thread(target=station.jog, args=(50,))
+    waiting.start()
+    while station.status()["state"] != "moving":
+        time.sleep(0.01)
+    # Neither the jog, nor the reset behind it that waits for rest, holds the line.
+    reset = threading.Thread(target=station.reset)
+    reset.start()
+    asked = 0
+    while station.status()["state"] == "moving":
+        asked += 1
+    waiting.join()
+    reset.join()
+    assert asked > 3 and station.position_mm[0] == 50
+
+
+def test_station_without_configuration_says_so(rig):
+    # As after a restart.
+    twin = t._trinocular.Twin(rig._native)
+    with t.Station(twin.path, heartbeat_ms=10_000) as station:
+        assert station.status()["state"] == "unconfigured"
+        with pytest.raises(t.StationError, match=r"refused jog: .*rig=Rig.load\(path\)"):
+            station.jog(x=1)
+        with pytest.raises(t.StationError, match=r"refused to wait: .*rig=Rig.load\(path\)"):
+            station.wait()
 
 
 def test_wrong_ports_are_named(rig):

@@ -10,6 +10,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 use trinocular_client::allowance::Allowance;
 use trinocular_client::diagnosis::{self, remedy};
+use trinocular_client::rest::{self, RestWatch};
 use trinocular_client::serial::Serial;
 use trinocular_client::stage::{HEARTBEAT_MS, configuration_at};
 use trinocular_client::{StationError, ports};
@@ -21,9 +22,6 @@ use trinocular_rig::rig_file::{RigFile, Stage};
 
 /// Timeout for a stage to come to rest.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
-
-/// Timeout for the status of a station in motion: twenty come in that time.
-const STATUS_PATIENCE: Duration = Duration::from_secs(2);
 
 /// Polling period of a stage in motion.
 const LOOK: Duration = Duration::from_millis(10);
@@ -227,8 +225,7 @@ impl Hand {
         mut watch: impl FnMut(&Status),
     ) -> Result<(Status, bool), Failure> {
         let mut interrupted = false;
-        let mut allowance = allowance.start(Instant::now());
-        let (mut last, mut heard) = (None, Instant::now());
+        let mut motion = RestWatch::begin(allowance, Instant::now());
         loop {
             if interruption::is_requested() && !interrupted {
                 interrupted = true;
@@ -238,22 +235,15 @@ impl Hand {
                 Err(StationError::Cancelled) => continue,
                 status => status.map_err(|error| self.failed(error))?,
             };
-            if !status.state.is_moving() {
-                return Ok((status, interrupted));
-            }
-            if let Some(waited) = allowance.spent(Instant::now(), Some(&status)) {
-                self.stop()?;
-                let waited_s = waited.as_secs();
-                return Err(self.failed(StationError::Overdue { waited_s }));
-            }
-            watch(&status);
-            if last.replace(status.tick) != Some(status.tick) {
-                heard = Instant::now();
-            } else if heard.elapsed() > STATUS_PATIENCE {
-                return Err(self.failed(StationError::Silent {
-                    command: "status",
-                    waited_ms: STATUS_PATIENCE.as_millis() as u64,
-                }));
+            match motion.is_over(Instant::now(), &status) {
+                Ok(true) => return Ok((status, interrupted)),
+                Ok(false) => watch(&status),
+                Err(error) => {
+                    if matches!(error, StationError::Overdue { .. }) {
+                        self.stop()?;
+                    }
+                    return Err(self.failed(error));
+                }
             }
             std::thread::sleep(LOOK);
         }
@@ -297,16 +287,7 @@ pub fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
 
 /// Returns the failure behind a motion that did not end by itself.
 pub fn why_it_stands(hand: &Hand, end: &Status, interrupted: bool) -> Result<(), Failure> {
-    if let Some(fault) = end.fault {
-        return Err(hand.failed(StationError::Faulted(fault)));
-    }
-    if end.state == State::Unconfigured {
-        // No command takes a configuration away.
-        let path = hand.port().to_owned();
-        let cause = "in motion";
-        return Err(hand.failed(StationError::Restarted { path, cause }));
-    }
-    if end.state == State::Stopped {
+    if rest::ended(end, hand.port()).map_err(|error| hand.failed(error))? {
         let who = if interrupted {
             "interrupted"
         } else {

@@ -10,6 +10,7 @@ use trinocular_rig::notice;
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::calibration::board::{Board, Pattern};
+use trinocular_vision::calibration::check::{doubt_square, obedient, refuse_same_camera};
 use trinocular_vision::calibration::folder::{
     Calibration, CalibrationSettings, CameraResult, calibrate_listed,
 };
@@ -118,48 +119,6 @@ fn at_least_one(text: &str) -> Result<f64, WrongNumber> {
     }
 }
 
-/// Largest distance of two cameras that are one camera, in sides of a square.
-const SAME_PLACE_SQUARES: f64 = 0.05;
-
-/// Refuses two cameras at one place: their photographs are those of one camera. The limit is in
-/// squares, because a wrong unit of --square is another mistake.
-fn refuse_same_camera(options: &CalibrateOptions, result: &Calibration) -> Result<(), InputError> {
-    let Some(RigFile { names, rig, .. }) = result.rig_file() else {
-        return Ok(());
-    };
-    let cameras = || names.iter().zip(&rig.cameras).enumerate();
-    let mut pairs = cameras().flat_map(|(k, b)| cameras().take(k).map(move |(_, a)| (a, b)));
-    let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
-    let same = pairs.find(|((_, a), (_, b))| {
-        distance(a.offset_mm, b.offset_mm) < SAME_PLACE_SQUARES * options.square
-    });
-    match same {
-        None => Ok(()),
-        Some(((a, _), (b, _))) => Err(InputError::file(
-            &options.input,
-            format!(
-                "`{a}` and `{b}` are at the same place, so their photographs are those of one \
-                 camera: give each camera its own"
-            ),
-        )),
-    }
-}
-
-/// Sides of squares of boards that are photographed, mm.
-const SQUARES_MM: std::ops::RangeInclusive<f64> = 0.2..=500.0;
-
-/// Warns of a square whose side is probably in another unit.
-fn doubt_square(square_mm: f64) {
-    let unit = match square_mm {
-        side if side < *SQUARES_MM.start() => "metres",
-        side if side > *SQUARES_MM.end() => "micrometres",
-        _ => return,
-    };
-    super::warnings::raise(format!(
-        "squares of {square_mm} mm: is --square in {unit}? It is in mm"
-    ));
-}
-
 /// Runs the command.
 pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failure> {
     // Refuse before the work what would be refused after it.
@@ -169,7 +128,9 @@ pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failu
     let names = photographs.series.iter();
     let names: Vec<String> = names.map(|series| series.name.clone()).collect();
     let destination = options.destination.open(&names)?;
-    doubt_square(options.square);
+    if let Some(doubt) = doubt_square(options.square) {
+        super::warnings::raise(doubt);
+    }
     let board = Board {
         corners: options.board.0,
         square_mm: options.square,
@@ -185,7 +146,7 @@ pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failu
     });
     drop(progress);
     let result = result?;
-    refuse_same_camera(options, &result)?;
+    refuse_same_camera(&options.input, &result, options.square)?;
     let mut warnings = result.warnings();
     warnings.extend(result.rig_file().iter().flat_map(RigFile::doubts));
     for warning in &warnings {
@@ -213,17 +174,8 @@ pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failu
 
 /// Makes the rig file, if the rig obeys every rule of one.
 fn rig_file(options: &CalibrateOptions, result: &Calibration) -> Result<RigFile, InputError> {
-    let refuse = |reason: &str| InputError::file(&options.input, format!("makes no rig: {reason}"));
-    let rig = result
-        .rig_file()
-        .ok_or_else(|| refuse("it takes two cameras or more"))?;
-    RigFile::parse(&options.input, &rig.to_toml()).map_err(|error| {
-        let field = error.field.unwrap_or_default();
-        let advice = match field.ends_with("distortion") {
-            true => "; images in which the board reaches into the corners would tell",
-            false => "",
-        };
-        refuse(&format!("{field}: {}{advice}", error.reason))
+    obedient(&options.input, result)?.ok_or_else(|| {
+        InputError::file(&options.input, "makes no rig: it takes two cameras or more")
     })
 }
 

@@ -7,10 +7,10 @@ use std::str::FromStr;
 use crate::commands::failure::Failure;
 use clap::Args;
 use serde_json::{Value, json};
-use trinocular_core::rig::{Camera, MAX_CAMERAS};
+use trinocular_core::rig::Camera;
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::calibration::exchange::{self, Assembled, CameraFile, Member, NamedCamera};
+use trinocular_vision::calibration::exchange::{self, Assembled, NoRig};
 
 use super::destination::Destination;
 use super::json;
@@ -165,64 +165,20 @@ pub fn run(options: &ConvertOptions, out: &mut impl Write) -> Result<(), Failure
 
 /// Assembles the rig of these cameras.
 fn assemble(options: &ConvertOptions) -> Result<RigFile, Failure> {
+    let offsets = options.offsets.iter();
+    let offsets: Vec<_> = offsets
+        .map(|given| (given.camera.clone(), given.mm))
+        .collect();
     let size = options.image_size.map(|size| size.0);
-    let several = exchange::several(&options.files, size)?;
-    let lacks_size = several.as_ref().is_some_and(|several| several.lacks_size);
-    let cameras = match several {
-        _ if size.is_some() && !lacks_size => {
-            return Err(Failure::Usage(
-                "--image-size goes with the files of OpenCV's stereo_calib; all others hold it"
-                    .to_owned(),
-            ));
-        }
-        Some(several) => several.cameras,
-        None => single(&options.files)?,
-    };
-    let names: Vec<&str> = cameras.iter().map(|(name, ..)| name.as_str()).collect();
-    let offsets = &options.offsets;
-    let mut all = offsets.iter();
-    if let Some(unknown) = all.find(|offset| !names.contains(&offset.camera.as_str())) {
-        let reason = format!(
-            "--offset {}: the cameras are {}",
-            unknown.camera,
-            names.join(", ")
-        );
-        return Err(Failure::Usage(reason));
-    }
-    let member = |(name, path, file): (String, PathBuf, CameraFile)| {
-        let given = offsets.iter().rev().find(|offset| offset.camera == name);
-        Member {
-            offset_mm: given.map(|offset| offset.mm),
-            path,
-            name,
-            file,
-        }
-    };
-    let members: Vec<Member> = cameras.into_iter().map(member).collect();
-    let Assembled { rig, doubts } = exchange::assemble(&members)?;
+    let assembled = exchange::rig_of(&options.files, &offsets, size);
+    let Assembled { rig, doubts } = assembled.map_err(|error| match error {
+        NoRig::File(error) => error.into(),
+        NoRig::Argument(reason) => Failure::Usage(reason),
+    })?;
     for doubt in doubts {
-        super::warnings::raise(doubt.to_string());
+        super::warnings::raise(doubt);
     }
     Ok(rig)
-}
-
-/// Reads files of single cameras, which have the cameras' names.
-fn single(files: &[PathBuf]) -> Result<Vec<NamedCamera>, Failure> {
-    if !(2..=MAX_CAMERAS).contains(&files.len()) {
-        // A file of all cameras, as other programs write, is named for what it is.
-        if let [only] = files {
-            CameraFile::read(only)?;
-        }
-        let count = files.len();
-        return Err(Failure::Usage(format!(
-            "{count} file of a camera; a rig has 2 to {MAX_CAMERAS}"
-        )));
-    }
-    let camera = |path: &PathBuf| {
-        let file = CameraFile::read(path)?;
-        Ok((exchange::camera_name(path), path.clone(), file))
-    };
-    files.iter().map(camera).collect()
 }
 
 /// Returns cameras and image size of the rig; no file is written yet.

@@ -131,15 +131,6 @@ enum Method {
 }
 
 impl Method {
-    /// Returns the name as on the command line.
-    const fn name(self) -> &'static str {
-        match self {
-            Self::ClosedForm => "closed-form",
-            Self::LeastSquares => "least-squares",
-            Self::Midpoint => "midpoint",
-        }
-    }
-
     /// Returns the library's name of the method.
     const fn estimator(self) -> estimation::Method {
         match self {
@@ -157,16 +148,6 @@ impl Method {
         }?;
         super::warnings::rig(path, &rig);
         Ok(rig)
-    }
-
-    /// Refuses the rig of a recording that does not suit the method.
-    fn check(self, input: &Path, rig: &RigFile) -> Result<(), InputError> {
-        match self {
-            Self::Midpoint => Ok(()),
-            Self::ClosedForm | Self::LeastSquares => {
-                RigFile::parse_in_line(input, &rig.to_toml()).map(drop)
-            }
-        }
     }
 }
 
@@ -202,29 +183,20 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
     };
     if is_recorded {
         let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;
-        method.check(&options.input, &rig)?;
-        let rule = options.rule(&rig, is_points)?;
+        method.estimator().check_rig(&options.input, &rig)?;
+        let rule = options.pose.rule(&rig, options.method, is_points)?;
         return run_captures(options, &rig, rule, frames.frame_sets(), printer);
     }
     let Some(rig) = rig else {
         return Err(rig_missing("estimate INPUT --rig <RIG.toml>"));
     };
-    let rule = options.rule(&rig, is_points)?;
+    let rule = options.pose.rule(&rig, options.method, is_points)?;
     match is_folder {
         true => {
             let folder = options.pair.open(&options.input, &rig)?;
             run_captures(options, &rig, rule, folder.frame_sets(), printer)
         }
         false => run_points(options, &rig, rule, printer),
-    }
-}
-
-impl EstimateOptions {
-    /// Returns the rule of the estimate from the options and the rig file.
-    fn rule(&self, rig: &RigFile, is_points: bool) -> Result<Rule, Failure> {
-        let pose = self.pose.of_rig(rig, self.method);
-        pose.check(self.method, is_points)?;
-        Ok(pose.rule(self.method))
     }
 }
 

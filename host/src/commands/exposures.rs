@@ -27,17 +27,12 @@ impl Exposures {
     pub fn note(&mut self, frame_set: &FrameSet) -> Vec<String> {
         let mut sentences = Vec::new();
         for (camera, fault) in faults(frame_set) {
-            let sentence = self.sentence(camera, fault);
+            let sentence = fault.sentence(&self.names, camera);
             if self.said.insert((camera, discriminant(&fault))) {
                 notice!("warning: {sentence}");
             }
             sentences.push(sentence);
         }
         sentences
-    }
-
-    fn sentence(&self, camera: usize, fault: ExposureFault) -> String {
-        let name = self.names.get(camera).map_or("?", String::as_str);
-        format!("camera {name} {fault}")
     }
 }

@@ -5,6 +5,7 @@ use crate::commands::failure::Failure;
 use clap::Args;
 use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::estimation::Contradiction;
 
 /// Options about a target that turns.
 #[derive(Clone, Copy, Debug, Args)]
@@ -44,14 +45,7 @@ impl TurningOptions {
                 *pivot = given;
                 Ok(())
             }
-            (Some(_), None) => Err(pivot_alone()),
+            (Some(_), None) => Err(Failure::Usage(Contradiction::PivotAlone.to_string())),
         }
     }
-}
-
-/// Returns the refusal of a pivot without a rotation.
-pub fn pivot_alone() -> Failure {
-    let reason = "--pivot: without a rotation all points of the target move alike; give \
-                  --rotation estimate";
-    Failure::Usage(reason.to_owned())
 }

@@ -9,7 +9,8 @@
 //! * [`visual_servo`]: the loop itself, the same for all sources of images;
 //! * [`frame_sets`]: frame sets from outside: live cameras, recorded images, a folder that grows;
 //! * [`simulated`]: simulated cameras before the poster of a [`world`], which a [`path`] moves;
-//! * [`station_link`]: the station, in this process or on a serial line;
+//! * [`station_link`]: the station, in this process or on a serial line; [`serial_station`]: frames
+//!   for the latter;
 //! * [`observer`]: what sees every turn of the loop and has no part in it: [`live`] shows it on a
 //!   page, [`recording`] records it;
 //! * [`workbench`]: the loop behind a live page, which also jogs, zeroes, homes and resets;
@@ -24,6 +25,7 @@ pub mod observer;
 pub mod page_recording;
 pub mod path;
 pub mod recording;
+pub mod serial_station;
 pub mod simulated;
 pub mod simulated_bench;
 pub mod station_link;

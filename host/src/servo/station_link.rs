@@ -6,6 +6,8 @@
 //! report names a position, and the images are taken at the instant, in the station's own time, at
 //! which the pins stand there. Positions are neither interpolated nor guessed.
 
+use super::serial_station;
+pub use super::serial_station::FrameRefusal;
 use std::sync::Arc;
 use std::thread::sleep;
 use std::time::{Duration, Instant as HostInstant};
@@ -14,17 +16,13 @@ use trinocular_client::serial::Serial;
 use trinocular_client::stage::configuration_at;
 use trinocular_client::twin::Twin;
 use trinocular_client::{StationError, plausible};
-use trinocular_core::frame::message::{Command, Denial, EstimateReport, Frame, Mounting, Status};
+use trinocular_core::frame::message::{Command, EstimateReport, Frame, Mounting, Status};
 use trinocular_core::time::Instant;
 use trinocular_rig::rig_file::Stage;
 
 /// Timeout for a report: thirty come in that time, and the client notices and reconnects a silent
 /// line earlier.
 const REPORT_PATIENCE: Duration = Duration::from_secs(3);
-
-/// Timeout for the answer to a frame. Later it counts as lost on the line, and the loop goes on
-/// with the next frame.
-const ANSWER_PATIENCE: Duration = Duration::from_millis(250);
 
 /// Name that the twin gives as its board.
 pub const TWIN_B: &str = "twin B";
@@ -66,23 +64,6 @@ pub struct Moment {
     pub station: Instant,
     /// Position of the cameras, mm from that at the station's start.
     pub camera_mm: [f64; 3],
-}
-
-/// Reason why a frame that was sent is not known to have been used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum FrameRefusal {
-    /// The station did not use the frame.
-    #[error("{0}")]
-    Denied(Denial),
-    /// No answer came.
-    #[error("no answer from the station")]
-    Unanswered,
-    /// The line was interrupted.
-    #[error("the line was interrupted")]
-    Interrupted,
-    /// The answer came, but the status after it did not.
-    #[error("the station did not say what it saw")]
-    Unreported,
 }
 
 /// A station on a serial line, and the scale and delay of its reports.
@@ -216,16 +197,10 @@ impl StationLink {
     /// If the line breaks, or no reply to a ping comes for three seconds: before the first, the
     /// station's clock is unknown.
     pub fn station_time(&self, at: Instant) -> Result<Instant, StationError> {
-        let station = match self {
-            Self::Twin(twin) => twin.station_time(at),
-            Self::Live(live) => live
-                .serial
-                .wait_until(HostInstant::now() + REPORT_PATIENCE, |client| {
-                    client.clock().station_us(at.micros())
-                })?
-                .map(Instant::from_micros),
-        };
-        station.ok_or(SILENT)
+        match self {
+            Self::Twin(twin) => twin.station_time(at).ok_or(SILENT),
+            Self::Live(live) => serial_station::station_time(&live.serial, at),
+        }
     }
 
     /// Lets time pass until `end`.
@@ -285,47 +260,19 @@ impl StationLink {
         &mut self,
         frame: Frame,
     ) -> Result<Result<EstimateReport, FrameRefusal>, StationError> {
-        let sequence = self.send(Command::Frame(frame));
-        let answer = match self.outcome(sequence) {
-            Ok(answer) => answer,
-            Err(lost) => {
-                self.resume(lost)?;
-                return Ok(Err(FrameRefusal::Interrupted));
-            }
-        };
-        Ok(match answer {
-            None => Err(FrameRefusal::Unanswered),
-            Some(Err(denial)) => Err(FrameRefusal::Denied(denial)),
-            Some(Ok(())) => self
-                .status()
-                .and_then(|status| status.estimate)
-                .filter(|estimate| estimate.sequence == sequence)
-                .ok_or(FrameRefusal::Unreported),
-        })
-    }
-
-    /// Waits for the answer to a frame and the status after it; `None` if no answer came. The frame
-    /// takes effect at the next tick, and the answer follows right after.
-    fn outcome(&mut self, sequence: u16) -> Result<Option<Result<(), Denial>>, StationError> {
         match self {
             Self::Twin(twin) => {
+                let sequence = twin.send(Command::Frame(frame));
+                // It takes effect at the next tick, and the answer follows right after.
                 twin.advance(twin.now().plus_micros(2_000));
-                Ok(twin.answer(sequence))
+                let answer = twin.answer(sequence);
+                Ok(serial_station::estimate(
+                    answer,
+                    twin.status().copied(),
+                    sequence,
+                ))
             }
-            Self::Live(live) => {
-                let end = HostInstant::now() + ANSWER_PATIENCE;
-                let answer = live
-                    .serial
-                    .wait_until(end, |client| client.answer(sequence))?;
-                if answer == Some(Ok(())) {
-                    // The status comes right behind the answer.
-                    live.serial.wait_until(end, |client| {
-                        let estimate = client.status()?.estimate?;
-                        (estimate.sequence == sequence).then_some(())
-                    })?;
-                }
-                Ok(answer)
-            }
+            Self::Live(live) => serial_station::offer(&mut live.serial, frame),
         }
     }
 

@@ -48,7 +48,8 @@ pub struct ServoEstimate {
 }
 
 impl ServoEstimate {
-    fn new(report: &EstimateReport, measured: &Measured) -> Self {
+    /// Combines the station's report with the measurement that it got.
+    pub fn new(report: &EstimateReport, measured: &Measured) -> Self {
         let sigma_mm = report.sigma_mm();
         let measurement = measured.measurement.as_ref();
         Self {

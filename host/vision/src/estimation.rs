@@ -2,7 +2,8 @@
 //! `estimate`.
 //!
 //! Points determine a rotation or they do not; images give the displacement alone unless the
-//! rotation is demanded. A [`Rule`] holds the caller's choice for both.
+//! rotation is demanded. A [`Rule`] holds the choice for both; a [`Choice`] of the caller, completed
+//! by the rig file, makes it.
 //!
 //! ```
 //! use std::path::Path;
@@ -25,6 +26,10 @@
 //! assert!((solution.displacement_mm[0] - 1.0).abs() < 1e-6);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+
+mod choice;
+
+pub use choice::{Choice, Contradiction};
 
 use crate::flow::{CameraRefusal, Correspondence, Flow};
 use crate::images::FrameSet;
@@ -53,6 +58,23 @@ pub enum Method {
     /// Exact for finite displacements and with its standard deviation; any 2 to 8 cameras.
     #[default]
     Midpoint,
+}
+
+impl Method {
+    /// Returns the name of the method.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ClosedForm => "closed-form",
+            Self::LeastSquares => "least-squares",
+            Self::Midpoint => "midpoint",
+        }
+    }
+}
+
+impl std::fmt::Display for Method {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
 }
 
 /// Treatment of a target that turns.

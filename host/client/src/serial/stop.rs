@@ -9,7 +9,7 @@
 //! and the other signals do so at once, whatever the caller is busy with.
 
 use super::super::StationError;
-use super::super::allowance::Allowance;
+use super::super::allowance::{Allowance, Running};
 use super::{Serial, Shared};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -140,38 +140,47 @@ impl Serial {
     /// [`StationError::Restless`] if the station does not say so; [`StationError::Lost`] if the
     /// line is down.
     pub fn until_rest(&mut self) -> Result<State, StationError> {
-        let mut allowance = Allowance::RAMP.start(Instant::now());
+        let mut ramp = Allowance::RAMP.start(Instant::now());
         loop {
-            {
-                let mut line = self.shared.line();
-                line.attend();
-                if !line.is_up() {
-                    return Err(line
-                        .check()
-                        .err()
-                        .unwrap_or(StationError::Restless { waited_s: 0 }));
-                }
-                let client = &mut line.client;
-                let status = client.status().copied();
-                let motion = client.motion();
-                let is_open = motion.is_open();
-                if let Some(status) = &status
-                    && !is_open
-                    && !status.state.is_moving()
-                {
-                    let is_later = |tick| status.tick.wrapping_sub(tick) <= u32::MAX / 2;
-                    if motion.stopped_tick().is_none_or(is_later) {
-                        return Ok(status.state);
-                    }
-                }
-                if let Some(waited) = allowance.spent(Instant::now(), status.as_ref()) {
-                    // The caller gets the error. A second wait at the end of the run would add nothing.
-                    client.motion_mut().ended();
-                    return Err(self.unknown_rest(waited));
-                }
+            if let Some(state) = self.stands(&mut ramp)? {
+                return Ok(state);
             }
             std::thread::sleep(super::LOOK);
         }
+    }
+
+    /// Looks once for what [`Serial::until_rest`] waits for; `ramp` has the time limits,
+    /// [`Allowance::RAMP`] from the answer on. Returns `None` while the stage moves.
+    ///
+    /// # Errors
+    /// As [`Serial::until_rest`].
+    pub fn stands(&mut self, ramp: &mut Running) -> Result<Option<State>, StationError> {
+        let mut line = self.shared.line();
+        line.attend();
+        if !line.is_up() {
+            return Err(line
+                .check()
+                .err()
+                .unwrap_or(StationError::Restless { waited_s: 0 }));
+        }
+        let client = &mut line.client;
+        let status = client.status().copied();
+        let motion = client.motion();
+        if let Some(status) = &status
+            && !motion.is_open()
+            && !status.state.is_moving()
+        {
+            let is_later = |tick| status.tick.wrapping_sub(tick) <= u32::MAX / 2;
+            if motion.stopped_tick().is_none_or(is_later) {
+                return Ok(Some(status.state));
+            }
+        }
+        if let Some(waited) = ramp.spent(Instant::now(), status.as_ref()) {
+            // The caller gets the error. A second wait at the end of the run would add nothing.
+            client.motion_mut().ended();
+            return Err(self.unknown_rest(waited));
+        }
+        Ok(None)
     }
 
     fn unknown_rest(&self, waited: Duration) -> StationError {

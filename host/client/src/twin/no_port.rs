@@ -33,6 +33,11 @@ impl TwinOnPort {
         match self.never {}
     }
 
+    /// Returns the steps, and the instant at which the pins had made them.
+    pub fn steps_at(&self) -> ([i64; 3], Instant) {
+        match self.never {}
+    }
+
     /// Returns the time of the last edge at the step pins.
     pub fn last_edge(&self) -> Instant {
         match self.never {}

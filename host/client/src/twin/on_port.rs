@@ -20,10 +20,19 @@ pub struct TwinOnPort {
 /// Pins of the board, outputs and inputs.
 #[derive(Debug)]
 struct Pins {
-    /// Steps since the start, backward ones subtracted, and the time of the last edge.
-    edges: Mutex<([i64; 3], Instant)>,
+    edges: Mutex<Edges>,
     switches: Mutex<Switches>,
     is_over: AtomicBool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Edges {
+    /// Steps since the start, backward ones subtracted.
+    steps: [i64; 3],
+    /// Time of the last edge.
+    last: Instant,
+    /// Time up to which the station has run.
+    now: Instant,
 }
 
 impl TwinOnPort {
@@ -39,8 +48,13 @@ impl TwinOnPort {
         let terminal =
             Terminal::open().map_err(|cause| failed(format!("no pseudo-terminal: {cause}")))?;
         let path = terminal.name().to_owned();
+        let now = Instant::now();
         let pins = Arc::new(Pins {
-            edges: Mutex::new(([0; 3], Instant::now())),
+            edges: Mutex::new(Edges {
+                steps: [0; 3],
+                last: now,
+                now,
+            }),
             switches: Mutex::new(Switches::default()),
             is_over: AtomicBool::new(false),
         });
@@ -63,13 +77,20 @@ impl TwinOnPort {
 
     /// Returns the steps that the pins made since the start, backward ones subtracted.
     pub fn steps(&self) -> [i64; 3] {
-        self.pins.edges().0
+        self.pins.edges().steps
+    }
+
+    /// Returns the steps as [`TwinOnPort::steps`] does, and the instant at which the pins had made
+    /// them. It is a few milliseconds ago, more on a loaded computer.
+    pub fn steps_at(&self) -> ([i64; 3], Instant) {
+        let edges = self.pins.edges();
+        (edges.steps, edges.now)
     }
 
     /// Returns the time of the last edge at the step pins, to a millisecond or two. It is the start
     /// of the station before the first edge.
     pub fn last_edge(&self) -> Instant {
-        self.pins.edges().1
+        self.pins.edges().last
     }
 
     /// Opens and closes the switches at the board.
@@ -79,7 +100,7 @@ impl TwinOnPort {
 }
 
 impl Pins {
-    fn edges(&self) -> MutexGuard<'_, ([i64; 3], Instant)> {
+    fn edges(&self) -> MutexGuard<'_, Edges> {
         self.edges.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -106,8 +127,10 @@ fn live(mut twin: RealTimeTwin, mut line: Terminal, pins: &Pins) {
         let answer = twin.turn(&buffer[..count]);
         let steps = twin.steps();
         let mut edges = pins.edges();
-        if edges.0 != steps {
-            *edges = (steps, twin.now());
+        edges.now = twin.now();
+        if edges.steps != steps {
+            edges.steps = steps;
+            edges.last = edges.now;
         }
         drop(edges);
         line.write(&answer);
@@ -136,5 +159,7 @@ mod tests {
         }
         assert_eq!(twin.steps(), [40, 0, -20]);
         assert!(twin.last_edge() > started);
+        let (steps, at) = twin.steps_at();
+        assert!(steps == [40, 0, -20] && at >= twin.last_edge());
     }
 }

@@ -17,6 +17,7 @@ raise ``TypeError`` or ``ValueError``, a stage that refuses raises ``StationErro
 
 from ._calibrate import Calibration, calibrate
 from ._flow import Flow, estimate, measure
+from ._follow import Followed
 from ._measurement import Measurement
 from ._recording import Frame, Recording, read
 from ._rig import Rig
@@ -27,6 +28,7 @@ from ._trinocular import StationError, __version__
 __all__ = [
     "Calibration",
     "Flow",
+    "Followed",
     "Frame",
     "Measurement",
     "Recording",

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 #: with None for a camera that gave no image, or a Frame of a recording.
 Images = Union[NDArray[Any], Sequence[Optional[NDArray[Any]]], "Frame"]
 
+#: Three numbers: x, y, z.
+Vector = Union[Sequence[float], NDArray[Any]]
+
 WAY_OUT = "use uint8 or uint16, as the camera gives them"
 
 

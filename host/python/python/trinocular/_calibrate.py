@@ -13,7 +13,7 @@ from . import _trinocular
 from ._arrays import choice, grey, number, whole
 from ._paths import Path, existing
 from ._rig import Rig
-from ._words import words
+from ._words import in_python, words
 
 
 @dataclass(frozen=True)
@@ -96,5 +96,5 @@ def _calibration(result: tuple[Any, str, list[str]]) -> Calibration:
         rig=None if native is None else Rig._of(native),
         cameras=[one for one in objects if "rig" not in one],
         places=places[0] if places else None,
-        warnings=tuple(warnings),
+        warnings=tuple(in_python(warning) for warning in warnings),
     )

@@ -8,16 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _trinocular
-from ._arrays import Images, choice, images, vector, whole
+from ._arrays import Images, Vector, choice, images, vector, whole
 from ._measurement import Measurement, measurement
 from ._paths import Path, existing
 from ._rig import Rig
-from ._words import in_python
+from ._words import in_python, words
 
 METHODS = ("midpoint", "closed-form", "least-squares")
 
 #: Left, top, width and height, px.
 Rectangle = Sequence[int]
+
+#: Point of the target whose displacement is stated: x, y, z in mm, or "centroid".
+Pivot = Union[Vector, str, None]
 
 
 def _rig(rig: object) -> Rig:
@@ -63,6 +66,25 @@ def _mask(given: Any, rig: Rig) -> Optional[NDArray[Any]]:
     return np.ascontiguousarray(found)
 
 
+def regions_of(
+    rig: Rig,
+    roi: Union[Rectangle, Mapping[str, Rectangle], None],
+    mask: Union[NDArray[Any], Mapping[str, NDArray[Any]], None],
+) -> list[tuple[Optional[list[int]], Optional[NDArray[Any]]]]:
+    """Return rectangle and mask of each camera."""
+    rois = [_rectangle(one, rig) for one in _per_camera(roi, rig, "roi")]
+    masks = [_mask(one, rig) for one in _per_camera(mask, rig, "mask")]
+    return list(zip(rois, masks))
+
+
+def pivot_of(pivot_mm: Pivot) -> Union[str, tuple[float, float, float], None]:
+    """Return the pivot for the native half."""
+    if isinstance(pivot_mm, str):
+        choice(pivot_mm, "pivot_mm", "centroid")
+        return pivot_mm
+    return None if pivot_mm is None else vector(pivot_mm, "pivot_mm")
+
+
 class Flow:
     """Tracker of one target: a keyframe, and the measurements against it.
 
@@ -71,8 +93,9 @@ class Flow:
     at any time; both for all cameras, or a dict by the camera's name.
 
     ``rotation`` is "refuse" (a target that turns by more than 0.15 degrees is refused) or
-    "estimate" (turns of up to 12 degrees are measured). ``pivot_mm`` is then the point of the
-    target, x, y, z at the keyframe, whose displacement is stated; default is the centroid.
+    "estimate" (turns of up to 12 degrees are measured); default is the rig file's ``rotation``, or
+    "refuse". ``pivot_mm`` is then the point of the target, x, y, z at the keyframe, whose
+    displacement is stated, or "centroid"; default is the rig file's ``pivot``, or the centroid.
     ``method`` is "midpoint" (default), "closed-form" or "least-squares". ``threads`` (1 to 64)
     share the work; results do not depend on it.
 
@@ -86,20 +109,19 @@ class Flow:
         roi: Union[Rectangle, Mapping[str, Rectangle], None] = None,
         *,
         mask: Union[NDArray[Any], Mapping[str, NDArray[Any]], None] = None,
-        rotation: str = "refuse",
+        rotation: Optional[str] = None,
         method: Optional[str] = None,
-        pivot_mm: Optional[Sequence[float]] = None,
+        pivot_mm: Pivot = None,
         threads: int = 1,
     ) -> None:
         self._rig = _rig(rig)
         choice(rotation, "rotation", "refuse", "estimate", None)
         choice(method, "method", *METHODS, None)
         threads = whole(threads, "threads", 1, 64)
-        rois = [_rectangle(one, rig) for one in _per_camera(roi, rig, "roi")]
-        masks = [_mask(one, rig) for one in _per_camera(mask, rig, "mask")]
-        pivot = None if pivot_mm is None else vector(pivot_mm, "pivot_mm")
-        regions = list(zip(rois, masks))
-        self._native = _trinocular.Flow(rig._native, regions, method, rotation, pivot, threads)
+        regions = regions_of(rig, roi, mask)
+        pivot = pivot_of(pivot_mm)
+        with words():
+            self._native = _trinocular.Flow(rig._native, regions, method, rotation, pivot, threads)
 
     @property
     def rig(self) -> Rig:
@@ -111,10 +133,12 @@ class Flow:
 
         Takes an array (cameras, height, width) of uint8 or uint16 with any strides, a sequence of
         arrays (height, width) with None for a camera without an image, or a Frame. Returns None, or
-        the reason why they cannot be a reference; later measurements are refused with it.
+        the reason why they cannot be a reference; later measurements are refused with it. The
+        ``warnings`` of the next measurement name an image that is badly exposed.
         """
         unread = getattr(images_now, "refused", None)
         if unread is not None:
+            self._native.drop_keyframe(f"the keyframe cannot be read: {unread}")
             return str(unread)
         reason = self._native.keyframe(images(images_now, self._rig, "images"))
         return None if reason is None else in_python(reason)
@@ -140,16 +164,16 @@ def measure(
     after: Images,
     rig: Rig,
     roi: Union[Rectangle, Mapping[str, Rectangle], None] = None,
-    rotation: str = "refuse",
+    rotation: Optional[str] = None,
     *,
     mask: Union[NDArray[Any], Mapping[str, NDArray[Any]], None] = None,
     method: Optional[str] = None,
-    pivot_mm: Optional[Sequence[float]] = None,
+    pivot_mm: Pivot = None,
 ) -> Measurement:
     """Measure the displacement of the target between two sets of images.
 
-    Arrays (cameras, height, width) of uint8 or uint16 with any strides; see Flow for all other
-    arguments. For more than two sets of images a Flow is faster: it keeps the reference.
+    Arrays (cameras, height, width) of uint8 or uint16 with any strides, or Frames; see Flow for all
+    other arguments. For more than two sets of images a Flow is faster: it keeps the reference.
 
     Never raises for a bad picture: ``refused`` of the result says why there is no displacement.
     Raises TypeError for other types, such as float, and ValueError for a wrong shape.
@@ -162,9 +186,13 @@ def measure(
     (True, True)
     """
     flow = Flow(rig, roi, mask=mask, rotation=rotation, method=method, pivot_mm=pivot_mm)
+    time_us = int(getattr(after, "time_us", 0))
+    for name, frame in (("before", before), ("after", after)):
+        unread = getattr(frame, "refused", None)
+        if unread is not None:
+            return Measurement(refused=f"{name} cannot be read: {unread}", time_us=time_us)
     first, now = images(before, rig, "before"), images(after, rig, "after")
     flow._native.keyframe(first)
-    time_us = int(getattr(after, "time_us", 0))
     return measurement(flow._native.measure(now, time_us), time_us)
 
 
@@ -174,7 +202,7 @@ def estimate(
     method: Optional[str] = None,
     *,
     rotation: Optional[str] = None,
-    pivot_mm: Optional[Sequence[float]] = None,
+    pivot_mm: Pivot = None,
 ) -> Measurement:
     """Estimate the displacement of matched points.
 
@@ -185,18 +213,21 @@ def estimate(
     ``method`` is "midpoint" (exact, with standard deviations), "closed-form" or "least-squares"
     (the paper's, for the cameras left, middle, right). Without a method the rotation is estimated
     if the points determine it; ``rotation`` "estimate" demands it, "refuse" refuses points that
-    turn by more than 0.15 degrees. ``pivot_mm`` as for Flow.
+    turn by more than 0.15 degrees; default is the rig file's ``rotation``. ``pivot_mm`` as for
+    Flow.
 
     Points that contradict the rig are left out and named in ``warnings``; too few of them make the
     result ``refused``. Raises ValueError with the point and coordinate that is impossible.
     """
     choice(rotation, "rotation", "refuse", "estimate", None)
     choice(method, "method", *METHODS, None)
-    pivot = None if pivot_mm is None else vector(pivot_mm, "pivot_mm")
+    pivot = pivot_of(pivot_mm)
     native = _rig(rig)._native
     if isinstance(points, str) or hasattr(points, "__fspath__"):
         path = existing(points)
-        return measurement(_trinocular.estimate_file(path, native, method, rotation, pivot))
+        with words():
+            result = _trinocular.estimate_file(path, native, method, rotation, pivot)
+        return measurement(result)
     form = f"(n, {len(rig.names)}, 2, 2): point, camera, before and after, x and y"
     try:
         found = np.asarray(points)
@@ -219,4 +250,5 @@ def estimate(
     if len(pixels) == 0 or unseen.any():
         names = ", ".join(np.array(rig.names)[unseen]) if len(pixels) else "any camera"
         return Measurement(refused=f"no point is seen by {names}")
-    return measurement(_trinocular.estimate(pixels, native, method, rotation, pivot))
+    with words():
+        return measurement(_trinocular.estimate(pixels, native, method, rotation, pivot))

@@ -12,7 +12,7 @@ from . import _trinocular
 from ._arrays import choice, number
 from ._paths import Path, existing
 from ._rig import Rig
-from ._words import words
+from ._words import in_python, words
 
 if TYPE_CHECKING:
     import pandas
@@ -51,7 +51,7 @@ class Recording:
     @property
     def warnings(self) -> list[str]:
         """Sentences about files that are not read, or a recording that was cut off."""
-        return self._native.warnings
+        return [in_python(warning) for warning in self._native.warnings]
 
     def __iter__(self) -> Iterator[Frame]:
         with words():

@@ -7,8 +7,9 @@ import os
 from typing import Any, Mapping, Optional, Sequence, Union
 
 from . import _trinocular
-from ._arrays import plain, vector
+from ._arrays import Vector, plain, vector, whole
 from ._paths import Path, existing
+from ._words import warn, words
 
 _ENDINGS = (".yml", ".yaml", ".json", ".xml", ".ini", ".gz")
 
@@ -43,12 +44,14 @@ class Rig:
 
     @classmethod
     def load(cls, path: Path) -> "Rig":
-        """Read a rig file (TOML).
+        """Read a rig file (TOML). Warns of probable mistakes, such as offsets in metres.
 
         Raises ValueError with file, line and field if the file breaks a rule, FileNotFoundError if
         there is none.
         """
-        return cls._of(_trinocular.Rig.load(existing(path)))
+        rig = cls._of(_trinocular.Rig.load(existing(path)))
+        warn(rig._native.doubts())
+        return rig
 
     @classmethod
     def paper(cls) -> "Rig":
@@ -57,12 +60,14 @@ class Rig:
 
     @classmethod
     def from_toml(cls, text: str) -> "Rig":
-        """Read the text of a rig file. Raises ValueError with line and field."""
-        return cls._of(_trinocular.Rig.from_toml(text))
+        """Read the text of a rig file. Warns as load does; raises ValueError with line and field."""
+        rig = cls._of(_trinocular.Rig.from_toml(text))
+        warn(rig._native.doubts())
+        return rig
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any]) -> "Rig":
-        """Make a rig from the fields of a rig file, as to_dict gives them.
+        """Make a rig from the fields of a rig file, as to_dict gives them. Warns as load does.
 
         Raises ValueError with the field that breaks a rule.
         """
@@ -73,40 +78,48 @@ class Rig:
             text = json.dumps(fields, default=plain)
         except (TypeError, ValueError) as error:
             raise type(error)(f"fields: {error}") from None
-        return cls._of(_trinocular.Rig.from_json(text))
+        rig = cls._of(_trinocular.Rig.from_json(text))
+        warn(rig._native.doubts())
+        return rig
 
     @classmethod
     def from_opencv(
         cls,
         path: Union[Path, Sequence[Path]],
         offsets_mm: Optional[Mapping[str, Sequence[float]]] = None,
+        *,
+        image_size_px: Optional[Sequence[int]] = None,
     ) -> "Rig":
-        """Assemble a rig from calibrations of OpenCV (FileStorage: YAML, JSON, XML) or ROS.
+        """Assemble a rig from calibrations of OpenCV, ROS, Kalibr or MATLAB, as ``trinocular
+        convert`` does.
 
-        ``path`` is a folder with one file per camera, or the list of the files; the file's name is
-        the camera's name. ``offsets_mm`` gives the place of a camera, right and down of the origin
-        in mm, if its file has none: ``{"left": (0, 0), "right": (68, 0)}``.
+        ``path`` is a folder with one file per camera, or the list of the files: the YAML, JSON or
+        XML of OpenCV's FileStorage, ROS's camera_info, MATLAB's Calib_Results.m; the file's name is
+        the camera's name. A Kalibr camchain is one file with all cameras, and the pair that
+        OpenCV's stereo_calib writes (intrinsics, extrinsics) takes the images' ``image_size_px``
+        (width, height), which it lacks. ``offsets_mm`` gives the place of a camera, right and down
+        of the origin in mm, if its file has none: ``{"left": (0, 0), "right": (68, 0)}``.
 
-        Raises ValueError with file, line and field, FileNotFoundError.
+        Warns of probable mistakes, such as offsets in metres. Raises ValueError with file, line and
+        field, FileNotFoundError.
         """
-        if isinstance(path, (str, os.PathLike)):
-            folder = existing(path)
-            if not os.path.isdir(folder):
-                raise ValueError(
-                    f"{folder}: one file holds one camera; give the folder or the list of the "
-                    "files of all cameras"
-                )
-            names = sorted(name for name in os.listdir(folder) if name.lower().endswith(_ENDINGS))
-            files = [os.path.join(folder, name) for name in names]
-        else:
-            files = [existing(file) for file in path]
-        if not 2 <= len(files) <= 8:
-            raise ValueError(f"{len(files)} files of cameras found; a rig has 2 to 8")
+        files = _files(path)
         offsets = [
             (name, vector((*place, 0.0), f"offsets_mm of {name}")[:2])
             for name, place in (offsets_mm or {}).items()
         ]
-        return cls._of(_trinocular.Rig.assemble(files, offsets))
+        size = None
+        if image_size_px is not None:
+            if isinstance(image_size_px, str) or not hasattr(image_size_px, "__len__"):
+                raise TypeError(f"image_size_px {image_size_px!r} must be width and height")
+            if len(image_size_px) != 2:
+                raise ValueError(f"image_size_px {image_size_px!r} must be width and height")
+            width, height = (whole(side, "image_size_px", 8, 65_535) for side in image_size_px)
+            size = (width, height)
+        with words():
+            native, doubts = _trinocular.Rig.assemble(files, offsets, size)
+        warn([*doubts, *native.doubts()])
+        return cls._of(native)
 
     def to_toml(self) -> str:
         """Return the text of the rig file; from_toml reads the same rig back, bit for bit."""
@@ -143,7 +156,7 @@ class Rig:
         """True if the rig describes a stage."""
         return self._native.has_stage
 
-    def project(self, place_mm: Sequence[float]) -> list[list[float]]:
+    def project(self, place_mm: Vector) -> list[list[float]]:
         """Return the pixel [x, y] at which each camera sees a place x, y, z, mm.
 
         Raises ValueError for a place behind the cameras.
@@ -160,4 +173,22 @@ class Rig:
         return repr(self._native)
 
     def __reduce__(self) -> tuple[Any, tuple[str]]:
-        return (Rig.from_toml, (self.to_toml(),))
+        return (_restored, (self.to_toml(),))
+
+
+def _restored(text: str) -> Rig:
+    """Return a rig that was pickled; its maker has been warned."""
+    return Rig._of(_trinocular.Rig.from_toml(text))
+
+
+def _files(path: Union[Path, Sequence[Path]]) -> list[str]:
+    """Return the files of a folder, of a list, or the one file with all cameras."""
+    if not isinstance(path, (str, os.PathLike)):
+        return [existing(file) for file in path]
+    found = existing(path)
+    if not os.path.isdir(found):
+        return [found]
+    names = sorted(name for name in os.listdir(found) if name.lower().endswith(_ENDINGS))
+    if not names:
+        raise ValueError(f"{found}: holds no file of a camera ({', '.join(_ENDINGS)})")
+    return [os.path.join(found, name) for name in names]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Any, Mapping, Optional, Sequence, Union
+from typing import Any, Mapping, Optional, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _trinocular
-from ._arrays import number, plain, vector, whole
+from ._arrays import Vector, number, plain, vector, whole
 from ._paths import Path, existing
 from ._rig import Rig
 
@@ -94,7 +94,7 @@ class Scene:
             number(noise_grey, "noise_grey", 0, 128),
         )
 
-    def render(self, displacement_mm: Sequence[float], seed: int = 1) -> NDArray[np.uint8]:
+    def render(self, displacement_mm: Vector, seed: int = 1) -> NDArray[np.uint8]:
         """Render the poster at a displacement x, y, z in mm: array (cameras, height, width).
 
         ``seed`` draws the noise: give every instant its own.

@@ -1,9 +1,27 @@
 """Native half of the package; use the names of `trinocular` instead."""
 
-from typing import Any, Optional, Sequence
+from typing import Any, Optional, Sequence, Union, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+__all__ = [
+    "__version__",
+    "StationError",
+    "Rig",
+    "Flow",
+    "Source",
+    "FrameSets",
+    "Scene",
+    "Station",
+    "Twin",
+    "Follower",
+    "estimate",
+    "estimate_file",
+    "calibrate",
+    "save",
+    "simulate",
+]
 
 __version__: str
 
@@ -11,13 +29,18 @@ class StationError(RuntimeError):
     """The station refused, faulted, or does not answer; the text says what to do next."""
 
 _Images = list[Optional[NDArray[Any]]]
-_Pivot = Optional[tuple[float, float, float]]
+_Pivot = Union[str, tuple[float, float, float], None]
 
+@final
 class Rig:
     @staticmethod
     def load(path: str) -> Rig: ...
     @staticmethod
-    def assemble(files: list[str], offsets_mm: list[Any]) -> Rig: ...
+    def assemble(
+        files: list[str],
+        offsets_mm: list[Any],
+        image_size_px: Optional[tuple[int, int]],
+    ) -> tuple[Rig, list[str]]: ...
     @staticmethod
     def paper() -> Rig: ...
     @staticmethod
@@ -33,30 +56,34 @@ class Rig:
     def image_size_px(self) -> tuple[int, int]: ...
     @property
     def has_stage(self) -> bool: ...
+    def doubts(self) -> list[str]: ...
     def project(self, place_mm: Sequence[float]) -> list[list[float]]: ...
 
+@final
 class Flow:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         rig: Rig,
         regions: list[Any],
         method: Optional[str],
         rotation: Optional[str],
         pivot_mm: _Pivot,
         threads: int,
-    ) -> None: ...
+    ) -> Flow: ...
     def keyframe(self, images: _Images) -> Optional[str]: ...
+    def drop_keyframe(self, reason: str) -> None: ...
     def measure(self, images: _Images, time_us: int) -> dict[str, Any]: ...
 
+@final
 class Source:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         path: str,
         rig: Optional[Rig],
         topics: list[tuple[str, str]],
         tolerance_us: int,
         pair: Optional[str],
-    ) -> None: ...
+    ) -> Source: ...
     @property
     def rig(self) -> Rig: ...
     @property
@@ -66,31 +93,55 @@ class Source:
     def frames(self) -> FrameSets: ...
     def table(self) -> dict[str, Any]: ...
 
+@final
 class FrameSets:
     def next(self) -> Optional[tuple[int, list[Optional[NDArray[np.uint8]]], Optional[str]]]: ...
 
+@final
 class Scene:
-    def __init__(self, rig: Rig, seed: int, depth_mm: float, noise_grey: float) -> None: ...
+    def __new__(cls, rig: Rig, seed: int, depth_mm: float, noise_grey: float) -> Scene: ...
     def render(self, displacement_mm: Sequence[float], seed: int) -> list[NDArray[np.uint8]]: ...
 
+@final
 class Twin:
-    def __init__(self, rig: Rig) -> None: ...
+    def __new__(cls, rig: Rig) -> Twin: ...
     @property
     def path(self) -> str: ...
     @property
     def steps(self) -> list[int]: ...
+    @property
+    def matrix(self) -> list[list[float]]: ...
+    def position(self) -> tuple[list[float], float]: ...
 
+@final
 class Station:
-    def __init__(self, port: str, rig: Optional[Rig], heartbeat_ms: int) -> None: ...
+    def __new__(
+        cls, port: str, rig: Optional[Rig], heartbeat_ms: int, fixed: bool
+    ) -> Station: ...
     def status(self) -> str: ...
+    def position_mm(self) -> Optional[list[float]]: ...
+    def now_us(self) -> int: ...
     def jog(self, distance_mm: Sequence[float], wait: bool) -> None: ...
     def move_to(self, position_mm: Sequence[float], wait: bool) -> None: ...
     def home(self, axes: Optional[Sequence[bool]]) -> None: ...
     def wait(self) -> None: ...
     def zero(self) -> None: ...
     def stop(self) -> None: ...
+    def stop_motion(self) -> None: ...
     def reset(self) -> None: ...
     def close(self) -> None: ...
+
+@final
+class Follower:
+    def __new__(
+        cls,
+        rig: Rig,
+        regions: list[Any],
+        rotation: Optional[str],
+        pivot_mm: _Pivot,
+    ) -> Follower: ...
+    def keyframe(self, station: Station, images: _Images, taken_us: int) -> Optional[str]: ...
+    def turn(self, station: Station, images: _Images, taken_us: int) -> dict[str, Any]: ...
 
 def estimate(
     pixels: NDArray[np.float64],

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import re
+import warnings
 from contextlib import contextmanager
-from typing import Iterator
+from typing import Iterable, Iterator
 
-_TOPIC = re.compile(r"--topic (\S+)=(/\S+)")
-_OPTION = re.compile(r"--(rotation|pair) ([a-z]+)")
+_REPLACED = [
+    (re.compile(r"--topic (\S+)=(/\S+)"), r'topics={"\1": "\2"}'),
+    (re.compile(r"--(rotation|pair|method) ([a-z-]+)"), r'\1="\2"'),
+    (re.compile(r"--offset (\S+)=X,Y \(mm\)"), r'offsets_mm={"\1": (X, Y)}'),
+    (re.compile(r"--offset (\S+):"), r"offsets_mm of \1:"),
+    (re.compile(r"--image-size( WIDTHxHEIGHT)?"), "image_size_px"),
+    (re.compile(r"--pivot"), "pivot_mm"),
+    (re.compile(r"--square"), "square_mm"),
+    (re.compile(r"--topic"), "topics"),
+]
 
 
 def in_python(sentence: str) -> str:
@@ -17,9 +26,18 @@ def in_python(sentence: str) -> str:
     'to measure it: rotation="estimate"'
     >>> in_python("name it with --topic left=/TOPIC")
     'name it with topics={"left": "/TOPIC"}'
+    >>> in_python("does not say where the camera is; give --offset left=X,Y (mm)")
+    'does not say where the camera is; give offsets_mm={"left": (X, Y)}'
     """
-    sentence = _TOPIC.sub(r'topics={"\1": "\2"}', sentence)
-    return _OPTION.sub(r'\1="\2"', sentence).replace("--topic", "topics")
+    for pattern, words_here in _REPLACED:
+        sentence = pattern.sub(words_here, sentence)
+    return sentence
+
+
+def warn(doubts: Iterable[str]) -> None:
+    """Warn the caller of the package, two calls up, of what is probably a mistake."""
+    for doubt in doubts:
+        warnings.warn(in_python(doubt), UserWarning, stacklevel=3)
 
 
 @contextmanager

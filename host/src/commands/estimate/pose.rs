@@ -5,11 +5,10 @@ use std::io::{self, Write};
 use clap::{Args, ValueEnum};
 use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::estimation::{self, Rule, Turn, Use};
+use trinocular_vision::estimation::{self, Choice, Rule, Turn};
 
 use super::Method;
 use crate::commands::failure::Failure;
-use crate::commands::turning::pivot_alone;
 
 /// Smallest angle that is printed, degrees.
 const SHOWN_DEG: f64 = 1e-4;
@@ -75,51 +74,23 @@ pub fn write_turn(turn: &Turn, out: &mut impl Write) -> io::Result<()> {
 }
 
 impl PoseOptions {
-    /// Adds what the rig file says about a target that turns, for a method that knows a rotation.
-    pub fn of_rig(self, rig: &RigFile, method: Option<Method>) -> Self {
-        let knows_none = matches!(method, Some(Method::ClosedForm | Method::LeastSquares));
-        match (self.rotation, rig.pivot) {
-            (None, Some(_)) if knows_none => self,
-            (None | Some(Rotation::Estimate), Some(pivot)) => Self {
-                rotation: Some(Rotation::Estimate),
-                pivot: self.pivot.or(Some(pivot)),
-            },
-            _ => self,
-        }
-    }
-
-    /// Refuses options that contradict each other. `is_points` is true for a points file, whose
-    /// rotation is estimated unasked; `method` is the one that was given.
-    pub fn check(&self, method: Option<Method>, is_points: bool) -> Result<(), Failure> {
-        let used = self.use_of(method);
-        if self.rotation == Some(Rotation::Estimate)
-            && let Some(method @ (Method::ClosedForm | Method::LeastSquares)) = method
-        {
-            return Err(Failure::Usage(format!(
-                "--rotation estimate: {} knows no rotation; use --method midpoint",
-                method.name()
-            )));
-        }
-        let estimated = used == Use::Demanded || is_points && used == Use::Offered;
-        if self.pivot.is_some() && !estimated {
-            return Err(pivot_alone());
-        }
-        Ok(())
-    }
-
-    fn use_of(&self, method: Option<Method>) -> Use {
-        self.rule(method).rotation_use()
-    }
-
-    /// Returns the rule of the estimate with the method that was given.
-    pub fn rule(&self, method: Option<Method>) -> Rule {
-        Rule {
+    /// Returns the rule of the estimate with the method that was given: what no option says is as
+    /// the rig file says.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] for options that contradict each other.
+    pub fn rule(
+        &self,
+        rig: &RigFile,
+        method: Option<Method>,
+        is_points: bool,
+    ) -> Result<Rule, Failure> {
+        let choice = Choice {
             method: method.map(Method::estimator),
             rotation: self.rotation.map(Into::into),
-            pivot_mm: match self.pivot {
-                Some(Pivot::Place(place)) => Some(place),
-                Some(Pivot::Centroid) | None => None,
-            },
-        }
+            pivot: self.pivot,
+        };
+        let rule = choice.rule(rig, is_points);
+        rule.map_err(|contradiction| Failure::Usage(contradiction.to_string()))
     }
 }

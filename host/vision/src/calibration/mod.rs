@@ -10,7 +10,8 @@
 //! * [`intrinsics`] solves one camera and rejects bad images, [`rig`] solves the poses of several,
 //!   [`stand`] expresses them in the rig's own axes;
 //! * [`adjust`] is the bundle adjustment behind both, with its covariance;
-//! * [`folder`] calibrates from the [`photographs`] in a folder, [`result_json`] shows the result;
+//! * [`folder`] calibrates from the [`photographs`] in a folder, [`check`] refuses useless results,
+//!   [`result_json`] shows the result;
 //! * [`exchange`] reads and writes the camera files of OpenCV and ROS.
 //!
 //! Sources: Z. Zhang, *A Flexible New Technique for Camera Calibration*, IEEE PAMI 22(11), 2000;
@@ -40,6 +41,7 @@
 pub mod adjust;
 pub mod blur;
 pub mod board;
+pub mod check;
 pub mod exchange;
 pub mod find;
 pub mod folder;

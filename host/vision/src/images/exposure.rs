@@ -52,6 +52,14 @@ pub fn judge(image: &Image) -> Option<ExposureFault> {
     (brightest < DIM).then_some(ExposureFault::Dim(brightest))
 }
 
+impl ExposureFault {
+    /// Returns the fault as a sentence about a camera, from 0, of these names.
+    pub fn sentence(self, names: &[String], camera: usize) -> String {
+        let name = names.get(camera).map_or("?", String::as_str);
+        format!("camera {name} {self}")
+    }
+}
+
 /// Returns each camera whose image is not fit, from 0, with the fault.
 pub fn faults(frame_set: &FrameSet) -> Vec<(usize, ExposureFault)> {
     let images = frame_set.images.iter().enumerate();
@@ -82,7 +90,11 @@ mod tests {
             (2, ExposureFault::Dim(31)),
         ];
         assert_eq!(found, expected);
-        let said = found[0].1.to_string();
-        assert!(said.contains("1.5 % of its pixels"), "{said}");
+        let names = ["left", "right"].map(String::from);
+        let said = found[0].1.sentence(&names, found[0].0);
+        assert!(
+            said.starts_with("camera right has 1.5 % of its pixels"),
+            "{said}"
+        );
     }
 }

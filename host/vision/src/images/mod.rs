@@ -24,6 +24,7 @@ pub mod cameras;
 pub mod decode;
 pub mod exposure;
 pub mod folder;
+pub mod read_ahead;
 pub mod render;
 pub mod series;
 mod spline;

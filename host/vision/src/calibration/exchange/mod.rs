@@ -1,7 +1,8 @@
 //! Camera files of other programs: OpenCV's FileStorage (YAML, JSON, XML) and ROS's `camera_info`
 //! YAML, one file per camera; also OpenCV 2.4's spellings, `.gz` files, a printed `camera_info`
 //! message (`rostopic echo`), the calibration program's INI file (`ost.ini`, `ost.txt`) and
-//! MATLAB's `Calib_Results.m`. [`several`] reads files of several cameras.
+//! MATLAB's `Calib_Results.m`. [`several`] reads files of several cameras; [`rig_of`] makes the rig
+//! of any of them.
 //!
 //! | | OpenCV | ROS |
 //! |---|---|---|
@@ -31,6 +32,7 @@ use trinocular_rig::rig_file::{NOT_A_LENS, can_undistort, focal_fault};
 use yaml::{Document, Node, quoted};
 
 mod assemble;
+mod files;
 mod foreign;
 mod ini;
 mod matlab;
@@ -39,6 +41,7 @@ mod xml;
 mod yaml;
 
 pub use assemble::{Assembled, Member, assemble};
+pub use files::{NoRig, rig_of};
 pub use several::{NamedCamera, Several, several};
 pub use yaml::Place;
 

@@ -1,0 +1,197 @@
+//! The caller's choice about method and rotation, completed by the rig file.
+
+use std::path::Path;
+
+use trinocular_rig::error::InputError;
+use trinocular_rig::pivot::Pivot;
+use trinocular_rig::rig_file::RigFile;
+
+use super::{Method, Rotation, Rule, Use};
+
+/// Choices of a caller; `None` where the rig file or the default decides.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Choice {
+    /// Method from points to the displacement.
+    pub method: Option<Method>,
+    /// Treatment of a target that turns.
+    pub rotation: Option<Rotation>,
+    /// Point of the target whose displacement is stated.
+    pub pivot: Option<Pivot>,
+}
+
+/// Choices that contradict each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Contradiction {
+    /// A rotation is demanded from a method that knows none.
+    #[error("--rotation estimate: {0} knows no rotation; use --method midpoint")]
+    NoRotation(Method),
+    /// A pivot is given, but no rotation is estimated.
+    #[error(
+        "--pivot: without a rotation all points of the target move alike; give --rotation estimate"
+    )]
+    PivotAlone,
+}
+
+impl Method {
+    /// Returns true for a method that estimates no rotation.
+    const fn knows_no_rotation(self) -> bool {
+        matches!(self, Self::ClosedForm | Self::LeastSquares)
+    }
+
+    /// Refuses a rig that does not suit the method; errors name `file`.
+    ///
+    /// # Errors
+    /// [`InputError`] with the field that breaks a rule.
+    pub fn check_rig(self, file: &Path, rig: &RigFile) -> Result<(), InputError> {
+        match self {
+            Self::Midpoint => Ok(()),
+            Self::ClosedForm | Self::LeastSquares => {
+                RigFile::parse_in_line(file, &rig.to_toml()).map(drop)
+            }
+        }
+    }
+}
+
+impl Choice {
+    /// Returns the rule of the estimate: what is not chosen is as the rig file's `rotation` and
+    /// `pivot` say, if the method knows a rotation. `is_points` is true for matched points, whose
+    /// rotation is estimated unasked.
+    ///
+    /// ```
+    /// use trinocular_rig::pivot::Pivot;
+    /// use trinocular_rig::rig_file::RigFile;
+    /// use trinocular_vision::estimation::{Choice, Contradiction, Rotation};
+    ///
+    /// let mut rig = RigFile::paper();
+    /// let pivot = Some(Pivot::Place([0.0, 0.0, 850.0]));
+    /// let choice = Choice { pivot, ..Choice::default() };
+    /// assert_eq!(choice.rule(&rig, false), Err(Contradiction::PivotAlone));
+    ///
+    /// rig.pivot = Some(Pivot::Centroid); // rotation = "estimate"
+    /// let rule = choice.rule(&rig, false)?;
+    /// assert_eq!(rule.rotation, Some(Rotation::Estimate));
+    /// assert_eq!(rule.pivot_mm, Some([0.0, 0.0, 850.0]));
+    /// # Ok::<(), Contradiction>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Contradiction`] between the choices.
+    pub fn rule(self, rig: &RigFile, is_points: bool) -> Result<Rule, Contradiction> {
+        let Self {
+            method,
+            rotation,
+            pivot,
+        } = self.completed(rig);
+        if rotation == Some(Rotation::Estimate)
+            && let Some(method) = method
+            && method.knows_no_rotation()
+        {
+            return Err(Contradiction::NoRotation(method));
+        }
+        let rule = Rule {
+            method,
+            rotation,
+            pivot_mm: match pivot {
+                Some(Pivot::Place(place)) => Some(place),
+                Some(Pivot::Centroid) | None => None,
+            },
+        };
+        let is_estimated = match rule.rotation_use() {
+            Use::Demanded => true,
+            Use::Offered => is_points,
+            Use::Refused | Use::Warned => false,
+        };
+        match pivot {
+            Some(_) if !is_estimated => Err(Contradiction::PivotAlone),
+            _ => Ok(rule),
+        }
+    }
+
+    /// Adds what the rig file says about a target that turns.
+    fn completed(self, rig: &RigFile) -> Self {
+        let knows_none = self.method.is_some_and(Method::knows_no_rotation);
+        match (self.rotation, rig.pivot) {
+            (None, Some(_)) if knows_none => self,
+            (None | Some(Rotation::Estimate), Some(pivot)) => Self {
+                rotation: Some(Rotation::Estimate),
+                pivot: self.pivot.or(Some(pivot)),
+                ..self
+            },
+            _ => self,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLACE: Pivot = Pivot::Place([1.0, 2.0, 800.0]);
+
+    fn turning(pivot: Pivot) -> RigFile {
+        let mut rig = RigFile::paper();
+        rig.pivot = Some(pivot);
+        rig
+    }
+
+    fn choice(method: Option<Method>, rotation: Option<Rotation>) -> Choice {
+        Choice {
+            method,
+            rotation,
+            pivot: None,
+        }
+    }
+
+    #[test]
+    fn rig_file_decides_what_is_not_chosen() {
+        let rule = Choice::default().rule(&turning(PLACE), false).unwrap();
+        assert_eq!(rule.rotation, Some(Rotation::Estimate));
+        assert_eq!(rule.pivot_mm, Some([1.0, 2.0, 800.0]));
+        let chosen = Choice {
+            pivot: Some(Pivot::Centroid),
+            ..Choice::default()
+        };
+        let rule = chosen.rule(&turning(PLACE), false).unwrap();
+        assert_eq!(
+            (rule.rotation, rule.pivot_mm),
+            (Some(Rotation::Estimate), None)
+        );
+    }
+
+    #[test]
+    fn choice_overrides_rig_file() {
+        let refused = choice(None, Some(Rotation::Refuse));
+        let rule = refused.rule(&turning(PLACE), false).unwrap();
+        assert_eq!(
+            (rule.rotation, rule.pivot_mm),
+            (Some(Rotation::Refuse), None)
+        );
+        let closed = choice(Some(Method::ClosedForm), None);
+        let rule = closed.rule(&turning(PLACE), true).unwrap();
+        assert_eq!((rule.rotation, rule.pivot_mm), (None, None));
+    }
+
+    #[test]
+    fn contradictions_are_refused() {
+        let rig = RigFile::paper();
+        for method in [Method::ClosedForm, Method::LeastSquares] {
+            let turned = choice(Some(method), Some(Rotation::Estimate));
+            let expected = Err(Contradiction::NoRotation(method));
+            assert_eq!(turned.rule(&rig, true), expected);
+        }
+        let alone = |method, rotation, is_points| {
+            let pivot = Some(PLACE);
+            let choice = Choice {
+                method,
+                rotation,
+                pivot,
+            };
+            choice.rule(&rig, is_points) == Err(Contradiction::PivotAlone)
+        };
+        // Points offer a rotation; images do not.
+        assert!(!alone(None, None, true));
+        assert!(alone(None, None, false));
+        assert!(alone(Some(Method::Midpoint), None, true));
+        assert!(alone(None, Some(Rotation::Refuse), true));
+    }
+}
