@@ -40,6 +40,7 @@
 pub mod adjust;
 pub mod blur;
 pub mod board;
+mod contrast;
 pub mod exchange;
 pub mod find;
 pub mod folder;
