@@ -309,10 +309,18 @@ fn regions_restrict_points() {
         [head, vec![1; (width * height) as usize]].concat(),
     );
     estimate(&["--mask", "ones.pgm"]).failed(1, &["ones.pgm", "is 1 of 255", "write 255"]);
-    let track = [
-        "track", "--images", "views", "--rig", "rig.toml", "--roi", &half,
+    let commands: [&[&str]; 3] = [
+        &["track", "--images", "views"],
+        &["align", "views"],
+        &["bench", "flow", "views", "--repeat", "1"],
     ];
-    assert_eq!(run(desk.folder.path(), &track).code, Some(0));
+    for command in commands {
+        let region = ["--rig", "rig.toml", "--roi", &half, "--mask", "mask.pgm"];
+        let outcome = run(desk.folder.path(), &[command, &region].concat());
+        assert_eq!(outcome.code, Some(0), "{command:?}: {}", outcome.stderr);
+        let rear = ["--rig", "rig.toml", "--mask", "rear=mask.pgm"];
+        run(desk.folder.path(), &[command, &rear].concat()).failed(2, &["rear", "left, middle"]);
+    }
 }
 
 fn read_by_all(desk: &Path, form: &str) {

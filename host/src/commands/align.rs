@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use super::region::RegionOption;
 use crate::commands::failure::Failure;
 use crate::commands::folder_input::PairOption;
 use clap::Args;
@@ -57,6 +58,9 @@ pub struct AlignOptions {
     #[command(flatten)]
     pair: PairOption,
 
+    #[command(flatten)]
+    region: RegionOption,
+
     /// Distance of a flat target, mm, along the axis of the camera in the middle, if it is known
     ///
     /// Measured from the plane of the cameras' entrance pupils. The target may be tilted. 1 mm of
@@ -90,8 +94,9 @@ Examples:
 
 /// Runs the command.
 pub fn run(options: &AlignOptions, out: &mut impl Write) -> Result<(), Failure> {
-    let settings = settings(options)?;
+    let mut settings = settings(options)?;
     let (rig, text) = RigFile::read_with_text(&options.rig)?;
+    settings.regions = options.region.regions(&rig)?;
     super::warnings::rig(&options.rig, &rig);
     let replace = Replace::Nothing.or_forced(options.force);
     let open = |path: &PathBuf| Output::open_successor(path, replace, &options.rig);
@@ -129,6 +134,7 @@ fn settings(options: &AlignOptions) -> Result<AlignmentSettings, Failure> {
     Ok(AlignmentSettings {
         reach_px: options.reach,
         depth_mm: options.depth,
+        ..AlignmentSettings::default()
     })
 }
 

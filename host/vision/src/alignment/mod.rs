@@ -34,6 +34,7 @@ pub mod rough;
 use serde::Serialize;
 use trinocular_core::rig::Rig;
 
+use crate::flow::region::Regions;
 use crate::flow::{self, Flow, mistake};
 use crate::images::FrameSet;
 use crate::matching::MatchSettings;
@@ -49,6 +50,8 @@ pub struct AlignmentSettings {
     pub reach_px: f64,
     /// Distance of a flat target along the reference camera's axis, mm, if it is known.
     pub depth_mm: Option<f64>,
+    /// Parts of the images in which points may be.
+    pub regions: Regions,
 }
 
 impl Default for AlignmentSettings {
@@ -56,6 +59,7 @@ impl Default for AlignmentSettings {
         Self {
             reach_px: 16.0,
             depth_mm: None,
+            regions: Regions::default(),
         }
     }
 }
@@ -231,7 +235,7 @@ impl Alignment {
                 cameras: pair.map(|k| file.names[k].clone()),
             });
         }
-        let roughly = rough::align(original, frame_sets, settings.reach_px)?;
+        let roughly = rough::align(original, frame_sets, settings)?;
         let first = refine(&roughly, frame_sets, FIRST_TOLERANCE_PX, settings)?;
         let mut last = refine(&first.rig, frame_sets, first.tolerance_px(), settings)?;
         let mut turned_rad = vec![0.0; original.cameras.len()];
@@ -292,7 +296,7 @@ fn seen_mm(
 ) -> Result<f64, AlignmentRefusal> {
     let settings = AlignmentSettings {
         depth_mm: None,
-        ..*settings
+        ..settings.clone()
     };
     let seen = refine(rig, frame_sets, FIRST_TOLERANCE_PX, &settings)?;
     Ok(seen.fit.median_depth_mm)
@@ -314,7 +318,7 @@ fn refine(
     tolerance_px: f64,
     settings: &AlignmentSettings,
 ) -> Result<Refined, AlignmentRefusal> {
-    let (points, overlap, matched) = matched(rig, frame_sets, tolerance_px)?;
+    let (points, overlap, matched) = matched(rig, frame_sets, tolerance_px, &settings.regions)?;
     if points.len() < LEAST_POINTS {
         return Err(AlignmentRefusal::FewPoints {
             found: points.len(),
@@ -358,6 +362,7 @@ fn matched(
     rig: &Rig,
     frame_sets: &[FrameSet],
     tolerance_px: f64,
+    regions: &Regions,
 ) -> Result<(Vec<Point>, f64, usize), AlignmentRefusal> {
     let settings = flow::FlowSettings {
         matching: MatchSettings {
@@ -367,6 +372,7 @@ fn matched(
         ..flow::FlowSettings::default()
     };
     let mut flow = Flow::new(rig, settings).map_err(AlignmentRefusal::Flow)?;
+    flow.set_regions(regions.clone());
     let (mut points, mut overlap, mut matched) = (Vec::new(), 0.0, 0);
     let mut refused = None;
     for frame_set in frame_sets {

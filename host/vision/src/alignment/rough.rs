@@ -3,10 +3,10 @@
 
 use trinocular_core::rig::Rig;
 
-use super::AlignmentRefusal;
 use super::fit::{Point, Sample, corrected};
+use super::{AlignmentRefusal, AlignmentSettings};
 use crate::images::{FrameSet, Image};
-use crate::matching::corner;
+use crate::matching::corner::{self, CornerSettings};
 use crate::matching::geometry::RigGeometry;
 use crate::matching::pyramid::Pyramid;
 use crate::matching::zncc::{OUTSIDE, ZnccPatch, ZnccPlane};
@@ -30,7 +30,12 @@ const LEAST_SHARE: f64 = 0.15;
 ///
 /// # Errors
 /// [`AlignmentRefusal::WrongRig`], [`AlignmentRefusal::NoRoughOffset`].
-pub fn align(rig: &Rig, frame_sets: &[FrameSet], reach_px: f64) -> Result<Rig, AlignmentRefusal> {
+pub fn align(
+    rig: &Rig,
+    frame_sets: &[FrameSet],
+    settings: &AlignmentSettings,
+) -> Result<Rig, AlignmentRefusal> {
+    let reach_px = settings.reach_px;
     let geometry = RigGeometry::new(rig).ok_or(AlignmentRefusal::WrongRig)?;
     let level = (1..)
         .find(|level| rig.image_size_px[0] as usize >> level <= WIDTH)
@@ -38,7 +43,7 @@ pub fn align(rig: &Rig, frame_sets: &[FrameSet], reach_px: f64) -> Result<Rig, A
     let scale = (1 << level) as f64;
     let mut samples = Vec::new();
     for frame_set in frame_sets {
-        let points = matches(&geometry, frame_set, level, reach_px);
+        let points = matches(&geometry, frame_set, level, settings);
         samples.extend(points.iter().map(|point| Sample::of(&geometry, point)));
     }
     let alike = ALIKE_PX * scale / geometry.focal_px;
@@ -72,7 +77,7 @@ fn matches(
     geometry: &RigGeometry,
     frame_set: &FrameSet,
     level: usize,
-    reach_px: f64,
+    settings: &AlignmentSettings,
 ) -> Vec<Point> {
     let sides = geometry.rig.image_size_px.map(|side| side as usize);
     let is_whole = |image: &Image| [image.width, image.height] == sides;
@@ -88,13 +93,23 @@ fn matches(
     let Some(base) = levels.get(geometry.reference) else {
         return Vec::new();
     };
-    let corners = corner::corners(base, 8, 6.0, CORNERS, &ThreadPool::default());
+    let chosen = CornerSettings {
+        margin: 8,
+        spacing_px: 6.0,
+        min_gradient: 1.0,
+        count: CORNERS,
+    };
+    let is_within = |at: [usize; 2]| {
+        let pixel = at.map(|c| c as f64 * scale);
+        settings.regions.allow_start(geometry.reference, pixel)
+    };
+    let corners = corner::corners_within(base, &chosen, &ThreadPool::default(), is_within);
     let found = corners.into_iter().filter_map(|corner| {
         let patch = planes[geometry.reference].patch(corner[0] as i64, corner[1] as i64)?;
         let corner_px = corner.map(|c| c as f64 * scale);
         let mut pixels = vec![corner_px; geometry.cameras()];
         for k in (0..geometry.cameras()).filter(|k| *k != geometry.reference) {
-            let band = EpipolarBand::new(geometry, k, corner_px, scale, reach_px);
+            let band = EpipolarBand::new(geometry, k, corner_px, scale, settings.reach_px);
             let (zncc, place) = band.best_match(&planes[k], &patch);
             if zncc < MIN_ZNCC {
                 return None;

@@ -1,6 +1,7 @@
 //! Alignment of rendered scenes with known offsets: estimates and their sigma.
 
 use super::*;
+use crate::flow::region::Region;
 use crate::images::{Scene, SceneSettings, Texture};
 use trinocular_rig::random::Random;
 use trinocular_rig::rig_file::RigFile;
@@ -382,4 +383,38 @@ fn blank_images_are_refused() {
     };
     let found = Alignment::of(&RigFile::paper(), &captures, &wider).unwrap();
     assert!((found.cameras[2].offset_px[1] - 30.0).abs() < 0.02);
+}
+
+/// Tests images whose lower part shows another scene, taken with other offsets, such as a mirror or
+/// a screen.
+#[test]
+fn region_selects_aligned_points() {
+    let expected = [[0.0, 2.5], [0.0; 2], [0.0, -1.5]];
+    let mut seen = captures(
+        &shifted(expected),
+        &Texture::natural(3),
+        tilted(850.0),
+        &[1],
+    );
+    let others = shifted([[0.0, -4.0], [0.0; 2], [0.0, 6.0]]);
+    let below = captures(&others, &Texture::natural(4), tilted(700.0), &[2]);
+    let [width, height] = Rig::paper().image_size_px;
+    let edge = height * 2 / 5;
+    for (image, other) in seen[0].images.iter_mut().zip(&below[0].images) {
+        let start = (edge * width) as usize;
+        image.grey[start..].copy_from_slice(&other.grey[start..]);
+    }
+    let region = Region {
+        rectangle_px: Some([0, 0, width, edge - 10]),
+        mask: None,
+    };
+    let settings = AlignmentSettings {
+        regions: Regions(vec![region; 3]),
+        ..AlignmentSettings::default()
+    };
+    let found = Alignment::of(&RigFile::paper(), &seen, &settings).unwrap();
+    assert_found(&found, visible(expected), 0.05);
+    let whole = Alignment::of(&RigFile::paper(), &seen, &AlignmentSettings::default());
+    let off = |found: Alignment| (found.cameras[0].offset_px[1] - 2.5).abs();
+    assert!(whole.is_err() || off(whole.unwrap()) > 1.0);
 }

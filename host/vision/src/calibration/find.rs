@@ -5,7 +5,7 @@ use std::fmt;
 use super::board::Board;
 use super::grid::{Grid, distance, grids};
 use super::saddle::saddles;
-use super::{blur, homography, refine};
+use super::{blur, contrast, homography, refine};
 use crate::images::Image;
 use crate::matching::pyramid::Pyramid;
 
@@ -19,6 +19,14 @@ const WINDOW: f64 = 0.18;
 const LEAST_HALF_WINDOW: usize = 3;
 /// Largest half window, px. A larger one gains nothing and is sensitive to the lens's distortion.
 const MOST_HALF_WINDOW: usize = 20;
+/// Least ratio of half the refinement window to the blur of the board's edges. A smaller window shows
+/// no edges: the corner is then the saddle of the blurred grey levels.
+const LEAST_WINDOW_BLURS: f64 = 2.0;
+/// Largest ratio of half the window of a saddle to the distance to the nearest edge that is not the
+/// corner's own.
+const MOST_SADDLE_WINDOW: f64 = 0.35;
+/// Half window of the refinement on pyramid levels, px of the level.
+const DESCENT_HALF_WINDOW: usize = 3;
 /// Pyramid levels on which the board is searched, finest first.
 const LEVELS: usize = 4;
 /// Least share of corners that permits a search for the others at their predicted places.
@@ -72,13 +80,12 @@ pub fn find(
     board: &Board,
     half_window: Option<usize>,
 ) -> Result<FoundBoard, NotFound> {
-    let pyramid = Pyramid::new(image, LEVELS);
+    let pyramid = Pyramid::new(&contrast::stretched(image), LEVELS);
     let mut refusal = NotFound::Nothing;
     let mut most = 0;
     for (level, plane) in pyramid.levels.iter().enumerate() {
-        let scale = (1 << level) as f64;
         for grid in grids(plane, &saddles(plane), 6) {
-            let place = |at: [f64; 2]| at.map(|c| c * scale);
+            let place = |at: [f64; 2]| descend(&pyramid, level, at);
             match corners(image, board, &grid, place, half_window) {
                 Ok(corners) => {
                     let blur_px = blur::of_edges(image, board, &corners);
@@ -96,6 +103,15 @@ pub fn find(
         }
     }
     Err(refusal)
+}
+
+/// Returns the place in the image of a corner found on a pyramid level, refined on each level below
+/// it. A blurred corner is found on a coarse level only, whose pixels are too large to start from.
+fn descend(pyramid: &Pyramid, level: usize, at: [f64; 2]) -> [f64; 2] {
+    (0..level).rev().fold(at, |at, level| {
+        let start = at.map(|c| 2.0 * c);
+        refine::refine(&pyramid.levels[level], start, DESCENT_HALF_WINDOW).unwrap_or(start)
+    })
 }
 
 /// Returns true if `grid` is a chessboard with more corners than `board`.
@@ -129,16 +145,23 @@ fn corners(
     for (index, at) in indices.into_iter().zip(seen) {
         rough[index] = at;
     }
-    let refined: Vec<Option<[f64; 2]>> = (0..board.count())
-        .map(|index| {
-            let room = room_px(board, &rough, index);
-            let half = half_window.unwrap_or_else(|| {
-                ((WINDOW * room).round() as usize).clamp(LEAST_HALF_WINDOW, MOST_HALF_WINDOW)
-            });
-            let at = refine::refine(image, rough[index], half)?;
-            (distance(at, rough[index]) < room / 3.0).then_some(at)
-        })
-        .collect();
+    let blur_px = blur::of_edges(image, board, &rough);
+    let refined = |index: usize| {
+        let (start, room) = (rough[index], room_px(board, &rough, index));
+        let half = half_window.unwrap_or_else(|| {
+            ((WINDOW * room).round() as usize).clamp(LEAST_HALF_WINDOW, MOST_HALF_WINDOW)
+        });
+        let is_blurred = (half as f64) < LEAST_WINDOW_BLURS * blur_px;
+        let at = match half_window.is_none() && is_blurred {
+            true => {
+                let half = blur_px.min(MOST_SADDLE_WINDOW * room).round() as usize;
+                refine::saddle(image, start, half.max(LEAST_HALF_WINDOW))
+            }
+            false => refine::refine(image, start, half),
+        }?;
+        (distance(at, start) < room / 3.0).then_some(at)
+    };
+    let refined: Vec<Option<[f64; 2]>> = (0..board.count()).map(refined).collect();
     let unclear = refined.iter().filter(|corner| corner.is_none()).count();
     refined
         .into_iter()
@@ -263,6 +286,12 @@ mod tests {
     /// Draws a board turned clockwise about the middle of the image, black outside its first
     /// corner.
     fn drawn(board: &Board, turn_deg: f64) -> Image {
+        drawn_with(board, turn_deg, 0.8, 90.0)
+    }
+
+    /// Does the same with edges that are `soft_px` wide and squares that are `contrast` grey levels
+    /// brighter or darker than the mean.
+    fn drawn_with(board: &Board, turn_deg: f64, soft_px: f64, contrast: f64) -> Image {
         let (sin, cos) = turn_deg.to_radians().sin_cos();
         let sides = board.corners.map(|n| n as f64 + 1.0);
         let grey = |i: usize| {
@@ -272,16 +301,43 @@ mod tests {
             // Edges as soft as with a lens; border and background white.
             let edge = |a: f64| {
                 let sign = if a.round() % 2.0 == 0.0 { 1.0 } else { -1.0 };
-                sign * ((a - a.round()) * SIDE_PX / 0.8).tanh()
+                sign * ((a - a.round()) * SIDE_PX / soft_px).tanh()
             };
             let inside = u > 0.0 && v > 0.0 && u < sides[0] && v < sides[1];
-            let level = 125.0 - 90.0 * edge(u) * edge(v);
-            if inside { level as u8 } else { 215 }
+            let level = 125.0 - contrast * edge(u) * edge(v);
+            let level = if inside { level } else { 125.0 + contrast };
+            // Whole grey levels, spread by as much noise as one.
+            (level + (i * 7919 % 256) as f64 / 256.0) as u8
         };
         Image {
             width: 300,
             height: 300,
             grey: (0..300 * 300).map(grey).collect(),
+        }
+    }
+
+    /// Tests edges as soft as those of a board blurred by 4 px, and a fifteenth of the grey levels.
+    #[test]
+    fn blurred_and_faint_boards_are_found() {
+        let board = Board {
+            corners: [9, 6],
+            square_mm: 1.0,
+        };
+        for (soft_px, contrast, off_px) in [(5.0, 90.0, 0.15), (0.8, 6.0, 0.3), (3.0, 12.0, 0.5)] {
+            for turn_deg in [0.0, 12.0, 33.0] {
+                let image = drawn_with(&board, turn_deg, soft_px, contrast);
+                let found = find(&image, &board, None);
+                let found = found.unwrap_or_else(|reason| panic!("{soft_px} {turn_deg}: {reason}"));
+                let (sin, cos) = turn_deg.to_radians().sin_cos();
+                for (index, corner) in found.corners.iter().enumerate() {
+                    let at = board.point_mm(index);
+                    let [x, y] =
+                        [(at[0], 4.0), (at[1], 2.5)].map(|(c, middle)| (c - middle) * SIDE_PX);
+                    let place = [x * cos - y * sin, x * sin + y * cos].map(|c| c + MIDDLE_PX);
+                    let off = distance(*corner, place);
+                    assert!(off < off_px, "{soft_px} {contrast} {turn_deg}: {off}");
+                }
+            }
         }
     }
 

@@ -42,6 +42,7 @@ pub mod adjust;
 pub mod blur;
 pub mod board;
 pub mod check;
+mod contrast;
 pub mod exchange;
 pub mod find;
 pub mod folder;

@@ -13,6 +13,36 @@
 //! by whole pixels at worst.
 
 use crate::images::Image;
+use crate::matching::pyramid::Plane;
+
+/// Grey levels of a photograph, or of a level of its pyramid.
+pub trait Grey {
+    /// Returns the number of columns and of rows.
+    fn size(&self) -> [usize; 2];
+
+    /// Returns the grey level of a pixel within the image.
+    fn level(&self, x: usize, y: usize) -> f64;
+}
+
+impl Grey for Image {
+    fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    fn level(&self, x: usize, y: usize) -> f64 {
+        f64::from(self.grey[y * self.width + x])
+    }
+}
+
+impl Grey for Plane {
+    fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    fn level(&self, x: usize, y: usize) -> f64 {
+        f64::from(self.grey[y * self.stride + x])
+    }
+}
 
 /// Length of the last step, px.
 const STILL_PX: f64 = 1e-4;
@@ -20,7 +50,7 @@ const MOST_ITERATIONS: usize = 100;
 
 /// Refines the corner near `start` within a window of `2 half + 1` px. Returns `None` without a
 /// corner in it.
-pub fn refine(image: &Image, start: [f64; 2], half: usize) -> Option<[f64; 2]> {
+pub fn refine(image: &impl Grey, start: [f64; 2], half: usize) -> Option<[f64; 2]> {
     let side = 2 * half + 1;
     let mut patch = vec![0.0; (side + 2) * (side + 2)];
     let weight: Vec<f64> = (0..side)
@@ -68,19 +98,83 @@ pub fn refine(image: &Image, start: [f64; 2], half: usize) -> Option<[f64; 2]> {
     Some(at)
 }
 
+/// Refines a corner whose edges are blurred over more than the window: the saddle point of a
+/// quadratic surface fitted to the grey levels within `2 half + 1` px of `start`,
+///
+/// ```text
+/// I = a + b x + c y + d x² + e x y + f y²        2 d x + e y = -b,  e x + 2 f y = -c
+/// ```
+///
+/// The four squares around a corner are alike after half a turn about it, blurred or not, so the
+/// corner is where the grey levels are level. Returns `None` without a saddle in the window.
+pub fn saddle(image: &impl Grey, start: [f64; 2], half: usize) -> Option<[f64; 2]> {
+    let side = 2 * half + 1;
+    let mut patch = vec![0.0; side * side];
+    let offset = |i: usize| i as f64 - half as f64;
+    let weight = |i: usize| (-(offset(i) / half as f64).powi(2)).exp();
+    // Moments of the weights along one axis: 1, x² and x⁴.
+    let moment = |power: i32| {
+        (0..side)
+            .map(|i| weight(i) * offset(i).powi(power))
+            .sum::<f64>()
+    };
+    let [m0, m2, m4] = [0, 2, 4].map(moment);
+    let mut at = start;
+    for _ in 0..MOST_ITERATIONS {
+        sample(image, at, half, &mut patch)?;
+        let (mut sum, mut b, mut c) = (0.0, 0.0, 0.0);
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        for (i, row) in patch.chunks_exact(side).enumerate() {
+            for (j, level) in row.iter().enumerate() {
+                let (x, y) = (offset(j), offset(i));
+                let level = weight(i) * weight(j) * level;
+                sum += level;
+                b += x * level;
+                c += y * level;
+                xx += x * x * level;
+                xy += x * y * level;
+                yy += y * y * level;
+            }
+        }
+        // Least squares. By the window's symmetry only a, d and f are coupled.
+        let (b, c, e) = (b / (m2 * m0), c / (m2 * m0), xy / (m2 * m2));
+        let both = (xx + yy - 2.0 * m2 / m0 * sum) / (m4 * m0 - m2 * m2);
+        let difference = (xx - yy) / (m4 * m0 - m2 * m2);
+        let (d, f) = ((both + difference) / 2.0, (both - difference) / 2.0);
+        let determinant = 4.0 * d * f - e * e;
+        if !(determinant < 0.0) {
+            return None;
+        }
+        let step = [
+            (e * c - 2.0 * f * b) / determinant,
+            (e * b - 2.0 * d * c) / determinant,
+        ];
+        at = [at[0] + step[0], at[1] + step[1]];
+        if [0, 1]
+            .iter()
+            .any(|&i| !((at[i] - start[i]).abs() <= half as f64))
+        {
+            return None;
+        }
+        if step[0].hypot(step[1]) < STILL_PX {
+            break;
+        }
+    }
+    Some(at)
+}
+
 /// Reads grey levels on a grid around `at`, interpolated linearly; the image's border repeats.
 /// Returns `None` far outside the image.
-fn sample(image: &Image, at: [f64; 2], reach: usize, patch: &mut [f64]) -> Option<()> {
-    let [columns, rows] = [image.width, image.height].map(|n| n as f64);
+fn sample(image: &impl Grey, at: [f64; 2], reach: usize, patch: &mut [f64]) -> Option<()> {
+    let [width, height] = image.size();
+    let [columns, rows] = [width, height].map(|n| n as f64);
     if !(at[0] >= 0.0 && at[1] >= 0.0 && at[0] <= columns - 1.0 && at[1] <= rows - 1.0) {
         return None;
     }
     let side = 2 * reach + 1;
     let [(x0, fx), (y0, fy)] = at.map(|c| (c.floor() as isize - reach as isize, c.fract()));
     let clamp = |i: isize, size: usize| i.clamp(0, size as isize - 1) as usize;
-    let level = |x: isize, y: isize| {
-        f64::from(image.grey[clamp(y, image.height) * image.width + clamp(x, image.width)])
-    };
+    let level = |x: isize, y: isize| image.level(clamp(x, width), clamp(y, height));
     for (i, row) in patch.chunks_exact_mut(side).enumerate() {
         let y = y0 + i as isize;
         for (j, out) in row.iter_mut().enumerate() {

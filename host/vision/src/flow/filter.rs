@@ -40,7 +40,7 @@ impl Flow {
         observer: &mut dyn StageObserver,
     ) -> Result<FilteredFrameSet, FlowRefusal> {
         self.check_images(&frame_set.images)?;
-        let levels = 1 + self.temporal_level().max(self.spatial_level());
+        let levels = self.levels();
         // Pyramids are built in the memory of old ones, as far as there are any.
         let buffers = self.pyramid_pool.take().into_iter();
         let buffers = buffers.chain(std::iter::repeat_with(Pyramid::default));

@@ -3,18 +3,11 @@
 use super::active_cameras::ActiveCameras;
 use super::camera_refusal::CameraRefusal;
 use super::frozen;
-use super::{FilteredFrameSet, Flow, FlowRefusal, PipelineStage, StageObserver};
-use crate::matching::corner;
-use crate::matching::lucas_kanade::FineTemplate;
+use super::{FilteredFrameSet, Flow, FlowRefusal, StageObserver};
+use crate::matching::RejectCounts;
 use crate::matching::pyramid::Pyramid;
-use crate::matching::stereo::{StereoMatch, StereoMatcher};
+use crate::matching::stereo::StereoMatch;
 use crate::matching::zncc::ZnccPlane;
-use crate::matching::{Reject, RejectCounts};
-
-/// Largest ratio of ambiguous corners to matched ones. Above it the texture repeats; below it the
-/// few matched corners decide, as those of walls, text and boards can. Bricks and grids have next
-/// to none.
-const MAX_AMBIGUOUS_PER_MATCH: usize = 3;
 
 /// Matched points and images of the keyframe.
 #[derive(Clone, Debug)]
@@ -103,12 +96,6 @@ impl Keyframe {
 }
 
 impl Flow {
-    /// Returns true if the point is in the regions of all cameras.
-    fn is_within(&self, active: &ActiveCameras, matched: &StereoMatch) -> bool {
-        let mut cameras = active.cameras.iter().zip(&matched.pixels);
-        cameras.all(|(camera, pixel)| self.regions.allow_start(*camera, *pixel))
-    }
-
     /// Does the same as [`Flow::set_keyframe`] with a frame set that is already filtered, for
     /// instance by the last measurement.
     ///
@@ -122,107 +109,26 @@ impl Flow {
         // The old keyframe's memory is freed only after the new one is complete. Otherwise the
         // allocator would return it to the system and ask for it again at once.
         let old = self.keyframe.take();
-        let (settings, thread_pool) = (&self.settings, &self.thread_pool);
-        let active = self.active_cameras(&filtered.camera_refusals)?;
-        let pyramids = active.select(&filtered.pyramids);
-        let reference = active.geometry.reference;
-
-        // Shi-Tomasi corners of the reference camera's image.
-        let whole = active.cameras[reference];
-        let regions = &self.regions;
-        let corners = corner::corners_within(
-            &pyramids[reference].levels[0],
-            FineTemplate::MARGIN + 1,
-            settings.min_spacing_px,
-            settings.max_corners,
-            thread_pool,
-            |at| regions.allow_start(whole, at.map(|c| c as f64)),
-        );
-        observer.stage_done(PipelineStage::Corners);
-        let (found, least) = (corners.len(), settings.min_points);
-        if found < least {
-            return Err(FlowRefusal::FewCorners { found, least });
-        }
-
-        // Multi-baseline stereo match of each corner, in batches.
-        let level = self.spatial_level();
-        let planes = pyramids.iter().map(|p| &p.levels[level]).collect();
-        let planes = thread_pool.map(planes, ZnccPlane::new);
-        let matcher = StereoMatcher {
-            geometry: &active.geometry,
-            settings: &settings.matching,
-            pyramids: &pyramids,
-            planes: &planes,
-            level,
-        };
-        let places: Vec<[f64; 2]> = (corners.iter().enumerate())
-            .map(|(index, corner)| spread_phase(index, *corner))
-            .collect();
-        let mut rejected = RejectCounts::default();
-        let mut matches = Vec::with_capacity(settings.max_points);
-        let mut unmatched = Vec::new();
-        let mut untried = places.as_slice();
-        while matches.len() < settings.max_points && !untried.is_empty() {
-            // A batch is never larger than the number of points still wanted, so that the same
-            // corners are tried on any number of threads.
-            let wanted = settings.max_points - matches.len();
-            let (batch, rest) = untried.split_at(wanted.min(untried.len()));
-            untried = rest;
-            let found = thread_pool.map(batch.to_vec(), |place| matcher.find(place));
-            for (place, found) in batch.iter().zip(found) {
-                match found {
-                    Ok(matched) if !self.is_within(&active, &matched) => {
-                        rejected.add(Reject::OutOfView);
-                    }
-                    Ok(matched) => matches.push(matched),
-                    Err(reject) => {
-                        unmatched.push(*place);
-                        rejected.add(reject);
-                    }
-                }
+        self.reduced = None;
+        match self.match_corners(&filtered, observer) {
+            Ok(matched) => {
+                self.keyframe = Some(Keyframe {
+                    active: matched.active,
+                    filtered,
+                    coarse: matched.coarse,
+                    matches: matched.matches,
+                    unmatched: matched.unmatched,
+                    rejected: matched.rejected,
+                });
+            }
+            Err(refusal) => {
+                let reduced = self.with_reduced_keyframe(&filtered, &refusal, observer);
+                self.reduced = Some(reduced.ok_or(refusal)?);
             }
         }
-
-        // Refuse repetitive texture and too few matches.
-        let tried = places.len() - untried.len();
-        let (matched, ambiguous) = (matches.len(), rejected.of(Reject::Ambiguous));
-        if ambiguous > MAX_AMBIGUOUS_PER_MATCH * matched && 4 * ambiguous > tried {
-            return Err(FlowRefusal::AmbiguousDepth { ambiguous, matched });
-        }
-        if matched < least {
-            return Err(FlowRefusal::FewMatches {
-                matched,
-                corners: tried,
-                least,
-            });
-        }
-
-        unmatched.extend_from_slice(untried);
-        let coarse = ZnccPlane::new(&pyramids[reference].levels[self.temporal_level()]);
-        self.keyframe = Some(Keyframe {
-            active,
-            filtered,
-            coarse,
-            matches,
-            unmatched,
-            rejected,
-        });
         if let Some(old) = old {
             self.pyramid_pool.put(old.filtered);
         }
-        observer.stage_done(PipelineStage::Spatial);
         Ok(())
     }
-}
-
-/// Moves a corner by up to half a pixel, differently for every index.
-///
-/// Interpolation errs by up to a thousandth of a pixel, depending on the sub-pixel phase of a
-/// template. If all templates had the same phase, all points would err alike: in a flow field that
-/// grows from the middle outwards this looks like a motion along z. The phases are those of the R2
-/// sequence (M. Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018), evenly
-/// spread at any count.
-fn spread_phase(index: usize, corner: [usize; 2]) -> [f64; 2] {
-    let step = [0.754_877_666_246_693, 0.569_840_290_998_053];
-    core::array::from_fn(|i| corner[i] as f64 + (index as f64 * step[i]).fract() - 0.5)
 }

@@ -33,6 +33,10 @@ impl Flow {
         now: &FilteredFrameSet,
         observer: &mut dyn StageObserver,
     ) -> Result<Measurement, FlowRefusal> {
+        if let Some(reduced) = &self.reduced {
+            let measured = reduced.measure_filtered(&reduced.halved(now), observer);
+            return measured.map(Measurement::enlarged);
+        }
         let keyframe = self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
         let (mut measurement, refused_cameras) =
             self.track_synchronised(keyframe, now, |active| self.track(active, now, observer))?;

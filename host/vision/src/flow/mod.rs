@@ -24,6 +24,8 @@
 //! | refine it, then track every point in every camera | [`temporal`] |
 //! | keep the inliers | [`consensus`], `accept` |
 //! | refuse inliers of several objects | `rigidity` |
+//! | decide between the depths of ambiguous corners | `depth_profile` |
+//! | match soft images at half the resolution | `reduced` |
 //! | inflate the variance for correlated errors | [`variance_inflation`] |
 //! | measure displacement and rotation instead | `turned` |
 //! | refuse a rotating target, leave out a skewed camera | [`rotation`], [`sync`] |
@@ -68,16 +70,19 @@ mod cloud;
 pub mod consensus;
 mod corner_motion;
 mod coverage;
+mod depth_profile;
 pub mod displacement_search;
 
 pub mod filter;
 pub mod frozen;
 mod keyframe;
 mod linear_motion;
+mod matched_corners;
 mod measure;
 mod measurement;
 pub mod mistake;
 mod pyramid_pool;
+mod reduced;
 mod refusal;
 pub mod region;
 mod rigidity;
@@ -114,6 +119,8 @@ pub struct Flow {
     regions: Regions,
     pivot: Option<Pivot>,
     keyframe: Option<Keyframe>,
+    /// Tracker at half the resolution, which has the keyframe if its images are soft.
+    reduced: Option<Box<Flow>>,
     frozen_cameras: FrozenCameras,
     pyramid_pool: PyramidPool,
     thread_pool: ThreadPool,
@@ -132,6 +139,7 @@ impl Flow {
             regions: Regions::default(),
             pivot: None,
             keyframe: None,
+            reduced: None,
             frozen_cameras: FrozenCameras::default(),
             pyramid_pool: PyramidPool::default(),
         })
@@ -145,6 +153,9 @@ impl Flow {
     /// Restricts the points to regions of the cameras' images. Rectangles take effect at the next
     /// keyframe, masks at the next measurement.
     pub fn set_regions(&mut self, regions: Regions) {
+        if let Some(reduced) = &mut self.reduced {
+            reduced.set_regions(regions.halved());
+        }
         self.regions = regions;
     }
 
@@ -163,6 +174,7 @@ impl Flow {
             Ok(filtered) => self.set_filtered_keyframe(filtered, &mut ()),
             Err(refusal) => {
                 self.keyframe = None;
+                self.reduced = None;
                 Err(refusal)
             }
         }
@@ -221,7 +233,7 @@ impl Flow {
         observer: &mut dyn StageObserver,
     ) -> Result<Measurement, FlowRefusal> {
         // Without a keyframe, filtering would be wasted.
-        self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
+        self.check_keyframe()?;
         let thread_pool = self.thread_pool.clone();
         // Inside the pool, no stage has to wake its threads again.
         let (measurement, filtered) = thread_pool.run(|| {
@@ -231,6 +243,19 @@ impl Flow {
         })?;
         self.pyramid_pool.put(filtered);
         measurement
+    }
+
+    /// Refuses a measurement without a keyframe.
+    fn check_keyframe(&self) -> Result<(), FlowRefusal> {
+        match self.keyframe.is_some() || self.reduced.is_some() {
+            true => Ok(()),
+            false => Err(FlowRefusal::NoKeyframe),
+        }
+    }
+
+    /// Returns the number of pyramid levels that the searches need.
+    fn levels(&self) -> usize {
+        1 + self.temporal_level().max(self.spatial_level())
     }
 
     /// Returns the pyramid level of the stereo search: the first at most 240 px wide.

@@ -11,6 +11,9 @@ pub struct FlowSettings {
     pub max_points: usize,
     /// Least distance between two corners, px.
     pub min_spacing_px: f64,
+    /// Least gradient around a corner, root mean square in its weakest direction, grey levels per
+    /// px. At 1, it is three times what noise of 2 grey levels leaves after the filter.
+    pub min_gradient: f32,
     /// Tests of one match between two images.
     pub matching: MatchSettings,
     /// Largest motion of a point between the keyframe and now, in widths of the image.
@@ -35,6 +38,7 @@ impl Default for FlowSettings {
             max_corners: 400,
             max_points: 220,
             min_spacing_px: 8.0,
+            min_gradient: 1.0,
             matching: MatchSettings::default(),
             search_range: 0.2,
             min_inlier_px: 0.1,

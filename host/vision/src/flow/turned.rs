@@ -96,7 +96,7 @@ impl Flow {
     /// # Errors
     /// [`FlowRefusal`] if the pose cannot be measured; the keyframe stays.
     pub fn measure_pose(&mut self, frame_set: &FrameSet) -> Result<PoseMeasurement, FlowRefusal> {
-        self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
+        self.check_keyframe()?;
         let thread_pool = self.thread_pool.clone();
         let (measurement, filtered) = thread_pool.run(|| {
             let filtered = self.filter_observed(frame_set, &mut ())?;
@@ -110,6 +110,9 @@ impl Flow {
     /// Returns the mean of the keyframe's points in the rig's axes, mm. It stays the same while the
     /// keyframe does, whichever points are found later.
     pub fn keyframe_centroid_mm(&self) -> Option<[f64; 3]> {
+        if let Some(reduced) = &self.reduced {
+            return reduced.keyframe_centroid_mm();
+        }
         let keyframe = self.keyframe.as_ref()?;
         let [cx, cy] = keyframe.active.geometry.arms.centre_mm();
         let count = keyframe.matches.len() as f64;
@@ -126,6 +129,10 @@ impl Flow {
         &self,
         now: &FilteredFrameSet,
     ) -> Result<PoseMeasurement, FlowRefusal> {
+        if let Some(reduced) = &self.reduced {
+            let measured = reduced.measure_filtered_pose(&reduced.halved(now));
+            return measured.map(PoseMeasurement::enlarged);
+        }
         let keyframe = self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
         let (mut measurement, refused_cameras) =
             self.track_synchronised(keyframe, now, |active| self.track_pose(active, now))?;

@@ -18,15 +18,27 @@ const SIDE: usize = 2 * RADIUS + 1;
 /// Width of a strip, px. Strips are processed one after the other from top to bottom, so that the
 /// last rows' products stay in the nearest cache for any image width.
 const STRIP: usize = 320;
-/// Least eigenvalue of a corner: a gradient of 1 grey level per pixel (root mean square over
-/// the window) in the weakest direction, three times what noise of 2 grey levels leaves after the
-/// filter.
-const LEAST: f32 = (SIDE * SIDE) as f32;
+/// Number of pixels over which the gradient matrix is summed.
+const AREA: f32 = (SIDE * SIDE) as f32;
 /// Side of a cell, px.
 const CELL: usize = 20;
 
 /// Smaller eigenvalue of a local maximum, and its pixel.
 type Peak = (f32, [usize; 2]);
+
+/// Chooses corners: how many, where, and how strong.
+#[derive(Clone, Copy, Debug)]
+pub struct CornerSettings {
+    /// Least distance from the border of the image, px.
+    pub margin: usize,
+    /// Least distance between two corners, px.
+    pub spacing_px: f64,
+    /// Least gradient around a corner, root mean square in its weakest direction, grey levels per
+    /// px.
+    pub min_gradient: f32,
+    /// Largest number of corners.
+    pub count: usize,
+}
 
 /// Finds at most `count` corners of `plane`, at least `margin` px from its border and `spacing_px`
 /// from each other, the best of every part of the image first.
@@ -52,19 +64,27 @@ pub fn corners(
     count: usize,
     thread_pool: &ThreadPool,
 ) -> Vec<[usize; 2]> {
-    corners_within(plane, margin, spacing_px, count, thread_pool, |_| true)
+    let settings = CornerSettings {
+        margin,
+        spacing_px,
+        min_gradient: 1.0,
+        count,
+    };
+    corners_within(plane, &settings, thread_pool, |_| true)
 }
 
 /// Does the same as [`corners`] for the pixels that `is_within` accepts.
 pub fn corners_within(
     plane: &Plane,
-    margin: usize,
-    spacing_px: f64,
-    count: usize,
+    settings: &CornerSettings,
     thread_pool: &ThreadPool,
     is_within: impl Fn([usize; 2]) -> bool,
 ) -> Vec<[usize; 2]> {
-    let margin = margin.max(RADIUS + 2);
+    let CornerSettings {
+        spacing_px, count, ..
+    } = *settings;
+    let margin = settings.margin.max(RADIUS + 2);
+    let least = AREA * settings.min_gradient * settings.min_gradient;
     let columns = plane.width.div_ceil(CELL);
     let mut cells = vec![Vec::new(); columns * plane.height.div_ceil(CELL)];
     let arch = Arch::new();
@@ -72,6 +92,7 @@ pub fn corners_within(
         arch.dispatch(Peaks {
             plane,
             margin,
+            least,
             rows,
         })
     };
@@ -118,12 +139,13 @@ fn bands(plane: &Plane, thread_pool: &ThreadPool) -> Vec<Range<usize>> {
         .collect()
 }
 
-/// Search of some rows for local maxima of the smaller eigenvalue above [`LEAST`], at least
-/// `margin` px from the border of the image. `margin` is at least [`RADIUS`]` + 2`. Of equal
-/// neighbours, the last counts.
+/// Search of some rows for local maxima of the smaller eigenvalue above `least`, at least `margin`
+/// px from the border of the image. `margin` is at least [`RADIUS`]` + 2`. Of equal neighbours, the
+/// last counts.
 struct Peaks<'a> {
     plane: &'a Plane,
     margin: usize,
+    least: f32,
     rows: Range<usize>,
 }
 
@@ -177,7 +199,7 @@ impl NullaryFnOnce for Peaks<'_> {
                 // Non-maximum suppression in 3 x 3 neighbourhoods.
                 let y = below - 1;
                 let rows = [below - 2, y, below].map(|y| &scores[y % 3][..places]);
-                mark_peaks(rows, is_peak);
+                mark_peaks(rows, self.least, is_peak);
                 for (block, flags) in is_peak.chunks(16).enumerate() {
                     if flags.iter().fold(0, |any, flag| any | flag) == 0 {
                         continue;
@@ -204,7 +226,7 @@ fn smaller_eigenvalues([xx, xy, yy]: [&[f32]; 3], out: &mut [f32]) {
 
 /// Flags local maxima of the middle row with 1, without its first and last place.
 #[inline(always)]
-fn mark_peaks([above, level, below]: [&[f32]; 3], is_peak: &mut [u8]) {
+fn mark_peaks([above, level, below]: [&[f32]; 3], least: f32, is_peak: &mut [u8]) {
     let count = is_peak.len();
     let [a, b, c] = [0, 1, 2].map(|dx| &above[dx..][..count]);
     let [d, here, e] = [0, 1, 2].map(|dx| &level[dx..][..count]);
@@ -213,7 +235,7 @@ fn mark_peaks([above, level, below]: [&[f32]; 3], is_peak: &mut [u8]) {
         let s = here[x];
         let before = (s >= a[x]) & (s >= b[x]) & (s >= c[x]) & (s >= d[x]);
         let after = (s > e[x]) & (s > f[x]) & (s > g[x]) & (s > h[x]);
-        is_peak[x] = u8::from(before & after & (s > LEAST));
+        is_peak[x] = u8::from(before & after & (s > least));
     }
 }
 

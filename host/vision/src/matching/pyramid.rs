@@ -164,6 +164,25 @@ impl NullaryFnOnce for Fill<'_> {
     }
 }
 
+/// Computation of the level above a plane.
+struct Halve<'a>(&'a Plane);
+
+impl NullaryFnOnce for Halve<'_> {
+    type Output = Plane;
+
+    #[inline(always)]
+    fn call(self) -> Plane {
+        let below = self.0;
+        let mut plane = Plane::default();
+        plane.resize(below.width.div_ceil(2), below.height.div_ceil(2));
+        let mut column = vec![0.0_f32; below.width + 4];
+        for r in 0..plane.height {
+            halve(below, r, &mut column, &mut plane);
+        }
+        plane
+    }
+}
+
 impl Plane {
     /// Resizes the buffer for an image of this size.
     fn resize(&mut self, width: usize, height: usize) {
@@ -216,6 +235,18 @@ impl Pyramid {
         let levels = &mut self.levels;
         Arch::new().dispatch(Fill { image, levels });
     }
+
+    /// Returns the pyramid of `levels` levels that begins at level 1 of this one. An empty pyramid
+    /// stays empty.
+    pub fn halved(&self, levels: usize) -> Self {
+        let mut planes: Vec<Plane> = self.levels.iter().skip(1).take(levels).cloned().collect();
+        while planes.len() < levels
+            && let Some(below) = planes.last().or(self.levels.last())
+        {
+            planes.push(Arch::new().dispatch(Halve(below)));
+        }
+        Self { levels: planes }
+    }
 }
 
 #[cfg(test)]
@@ -241,6 +272,31 @@ mod tests {
                 assert_eq!(plane.grey[y * plane.stride + x], expected);
             }
         }
+    }
+
+    #[test]
+    fn halved_pyramid_has_the_levels_above() {
+        let grey = (0..63 * 47).map(|i| (i * 7919 % 251) as u8).collect();
+        let image = Image {
+            width: 63,
+            height: 47,
+            grey,
+        };
+        let whole = Pyramid::new(&image, 4);
+        // Levels that the pyramid has, and levels that it lacks.
+        for kept in [1, 2, 4] {
+            let levels = whole.levels[..kept].to_vec();
+            let halved = Pyramid { levels }.halved(3);
+            assert_eq!(halved.levels.len(), 3);
+            for (level, expected) in halved.levels.iter().zip(&whole.levels[1..]) {
+                assert_eq!(
+                    (level.width, level.height),
+                    (expected.width, expected.height)
+                );
+                assert_eq!(level.grey, expected.grey);
+            }
+        }
+        assert!(Pyramid::default().halved(3).levels.is_empty());
     }
 
     #[test]

@@ -110,10 +110,13 @@ struct CornerTemplates {
     fine: Box<FineTemplate>,
 }
 
-/// Match at full resolution, with its mean zncc.
-struct RefinedMatch {
-    matched: StereoMatch,
-    zncc: f32,
+/// Match at full resolution, without templates.
+#[derive(Clone, Debug)]
+pub struct RefinedMatch {
+    /// Point of the match.
+    pub matched: StereoMatch,
+    /// Mean zncc over the cameras.
+    pub zncc: f32,
 }
 
 impl StereoMatcher<'_> {
@@ -165,6 +168,41 @@ impl StereoMatcher<'_> {
         }
     }
 
+    /// Finds all matches of the window of the reference camera at `corner`, px, at different
+    /// depths. Returns none if some camera does not see the place of one of them.
+    pub fn find_all(&self, corner: [f64; 2]) -> Vec<RefinedMatch> {
+        let (Ok(candidates), Some(corner)) = (self.candidates(corner), self.templates(corner))
+        else {
+            return Vec::new();
+        };
+        let mut found: Vec<RefinedMatch> = Vec::new();
+        for candidate in candidates {
+            let Ok(refined) = self.refine(&corner, &candidate) else {
+                continue;
+            };
+            let is_same = |other: &&mut RefinedMatch| {
+                let apart = other.matched.ray.inverse_depth - refined.matched.ray.inverse_depth;
+                (apart * self.px_per_inverse_mm()).abs() < 1.0
+            };
+            match found.iter_mut().find(is_same) {
+                Some(same) if same.zncc < refined.zncc => *same = refined,
+                Some(_) => {}
+                None => found.push(refined),
+            }
+        }
+        found
+    }
+
+    /// Takes the templates to track from a match of [`Self::find_all`].
+    ///
+    /// # Errors
+    /// [`Reject::LowTexture`] if the window has too little contrast in some camera.
+    pub fn completed(&self, refined: RefinedMatch) -> Result<StereoMatch, Reject> {
+        let at = refined.matched.pixels[self.geometry.reference];
+        let corner = self.templates(at).ok_or(Reject::LowTexture)?;
+        self.complete(corner, refined.matched)
+    }
+
     /// Takes the templates of the refinement. Returns `None` without texture.
     fn templates(&self, at: [f64; 2]) -> Option<CornerTemplates> {
         let levels = &self.pyramids[self.geometry.reference].levels;
@@ -201,7 +239,7 @@ impl StereoMatcher<'_> {
     }
 
     /// Returns the disparity to the farthest camera per unit of inverse depth, px mm.
-    fn px_per_inverse_mm(&self) -> f64 {
+    pub fn px_per_inverse_mm(&self) -> f64 {
         self.geometry.focal_px * self.geometry.longest_baseline_mm
     }
 

@@ -13,6 +13,8 @@
 //! image is reported once, and the frame sets wait for it. A frame set of a single image is skipped
 //! with a report. So is one whose files come after a later frame set was returned.
 //!
+//! Stacks and videos are refused by name, because a file that still grows has no last image.
+//!
 //! The folder is listed at most twenty times a second. This works on file systems that report no
 //! changes, such as network file systems. Memory holds only the names of existing files; a frame
 //! set's files may be removed as soon as it has been returned.
@@ -26,6 +28,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use super::{Listing, bits_in_use, listing, numbers_padded, read_deep};
 use crate::images::decode::Picture;
+use crate::images::series::layout;
 use crate::images::{FrameSet, Image};
 use trinocular_rig::error::InputError;
 
@@ -37,6 +40,10 @@ pub const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Time between two listings.
 const LOOK: Duration = Duration::from_millis(50);
+
+/// Reason why a stack or video is not watched.
+const WHOLE: &str = "a stack or video of a camera: a watched folder is read image by image, each in a \
+                     file of its own in the camera's folder; --images reads stacks and videos";
 
 /// Settings of a watched folder.
 #[derive(Clone, Debug)]
@@ -100,6 +107,8 @@ type Key = (String, String);
 /// # Ok::<(), trinocular_rig::error::InputError>(())
 /// ```
 pub struct Watch<T> {
+    dir: PathBuf,
+    names: Vec<String>,
     /// Folder of each camera, in the rig's order.
     cameras: Vec<PathBuf>,
     size_px: [u32; 2],
@@ -154,6 +163,8 @@ impl<T: FnMut(&InputError)> Watch<T> {
             return Err(InputError::file(dir, "no such folder"));
         }
         Ok(Self {
+            dir: dir.to_owned(),
+            names: names.to_vec(),
             cameras: names.iter().map(|name| dir.join(name)).collect(),
             size_px,
             settings,
@@ -282,6 +293,12 @@ impl<T: FnMut(&InputError)> Watch<T> {
 
     /// Updates the waiting frame sets from the folder.
     fn list(&mut self, now: Instant) -> Result<(), InputError> {
+        // Once single images come, the program that writes them has shown its form.
+        if self.taken == 0
+            && let Some(file) = layout::stack_or_video(&self.dir, &self.names)?
+        {
+            return Err(InputError::file(&file, WHOLE));
+        }
         let mut waiting: BTreeMap<Key, Vec<Option<Seen>>> = BTreeMap::new();
         let mut done = HashSet::new();
         let mut has_changed = false;
@@ -339,7 +356,7 @@ impl<T: FnMut(&InputError)> Watch<T> {
     fn read(&mut self, name: &str, files: &[Option<Seen>]) -> Result<FrameSet, InputError> {
         let cameras = self.cameras.iter().zip(files);
         let views = cameras.map(|(camera, seen)| match seen {
-            Some(_) => read_deep(&camera.join(name), self.size_px),
+            Some(_) => read_single(&camera.join(name), self.size_px),
             None => Ok(Picture::Eight(Image::missing())),
         });
         let views = views.collect::<Result<Vec<_>, _>>()?;
@@ -349,6 +366,14 @@ impl<T: FnMut(&InputError)> Watch<T> {
             time_us: self.settings.period_us.saturating_mul(self.taken),
             images: images.collect(),
         })
+    }
+}
+
+/// Reads a file of one image.
+fn read_single(file: &Path, size_px: [u32; 2]) -> Result<Picture, InputError> {
+    match layout::is_stack(file) {
+        true => Err(InputError::file(file, WHOLE)),
+        false => read_deep(file, size_px),
     }
 }
 

@@ -201,8 +201,38 @@ fn in_folder(name: &str, dir: &Path, listing: Listing) -> Result<Series, InputEr
     })
 }
 
+/// Returns a stack or video among the cameras' images in `dir`: one file with several images of a
+/// camera.
+///
+/// # Errors
+/// [`InputError`] if a folder cannot be listed.
+pub fn stack_or_video(dir: &Path, names: &[String]) -> Result<Option<PathBuf>, InputError> {
+    let is_video = |file: &str| split_ending(file).1.eq_ignore_ascii_case("y4m");
+    for file in file_names(dir)? {
+        let (stem, ending) = split_ending(&file);
+        let is_tiff = ["tif", "tiff"]
+            .iter()
+            .any(|end| ending.eq_ignore_ascii_case(end));
+        let is_camera = names.iter().any(|name| name == stem) && !dir.join(stem).is_dir();
+        if is_camera && (is_tiff || is_video(&file)) {
+            return Ok(Some(dir.join(file)));
+        }
+    }
+    for own in names.iter().map(|name| dir.join(name)) {
+        if own.is_dir() {
+            let files = file_names(&own)?;
+            let mut files = files.iter().map(|file| own.join(file));
+            let is_one = |path: &PathBuf| is_video(&path.to_string_lossy()) || is_stack(path);
+            if let Some(file) = files.find(is_one) {
+                return Ok(Some(file));
+            }
+        }
+    }
+    Ok(None)
+}
+
 /// Returns true for a TIFF file of several pages.
-fn is_stack(path: &Path) -> bool {
+pub fn is_stack(path: &Path) -> bool {
     let ending = path.extension().unwrap_or_default();
     let is_tiff = ["tif", "tiff"]
         .iter()

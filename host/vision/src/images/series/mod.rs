@@ -25,7 +25,7 @@ pub mod layout;
 mod name_time;
 pub mod pairing;
 pub mod pipe;
-mod stack;
+pub(super) mod stack;
 mod y4m;
 
 /// Images of one camera.

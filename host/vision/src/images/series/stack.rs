@@ -238,7 +238,7 @@ impl Seek for Page {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(in crate::images) mod tests {
     use super::*;
 
     /// Returns the TIFF file of 16-bit pages of the same size, little or big endian.

@@ -3,6 +3,7 @@
 use super::*;
 use crate::images::Image;
 use crate::images::folder::write;
+use crate::images::series::stack::tests::stack_of;
 use std::cell::RefCell;
 use std::rc::Rc;
 use tempfile::TempDir;
@@ -106,6 +107,47 @@ fn settled_frame_set_is_given() {
     // Reported once.
     nothing(watch.look(bench.at(9_000)));
     assert!(bench.told().is_empty());
+}
+
+#[test]
+fn stacks_and_videos_are_refused_by_name() {
+    let page = Image {
+        width: 8,
+        height: 8,
+        grey: vec![7; 64],
+    };
+    let stack = stack_of(&[page.clone(), page.clone()], 1);
+    for (folder, name) in [
+        ("", "left.tif"),
+        ("", "right.Y4M"),
+        ("left", "all.tif"),
+        ("right", "0.y4m"),
+    ] {
+        let bench = Bench::new();
+        let mut watch = bench.watch(None);
+        nothing(watch.look(bench.at(0)));
+        fs::write(bench.path(folder, name), &stack).unwrap();
+        let error = watch.look(bench.at(100)).unwrap_err().to_string();
+        assert!(
+            error.contains(name) && error.contains("--images"),
+            "{error}"
+        );
+    }
+    // A single page is an image, and a stack after it is an error of its frame set.
+    let bench = Bench::new();
+    let mut watch = bench.watch(None);
+    let single = stack_of(&[page], 1);
+    for camera in NAMES {
+        fs::write(bench.path(camera, "0.tif"), &single).unwrap();
+    }
+    nothing(watch.look(bench.at(0)));
+    assert_eq!(grey(watch.look(bench.at(300))), 7);
+    for camera in NAMES {
+        fs::write(bench.path(camera, "1.tif"), &stack).unwrap();
+    }
+    nothing(watch.look(bench.at(400)));
+    let error = unreadable(watch.look(bench.at(3_000)));
+    assert!(error.to_string().contains("1.tif: a stack"), "{error}");
 }
 
 #[test]
