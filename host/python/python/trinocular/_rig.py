@@ -60,7 +60,10 @@ class Rig:
 
     @classmethod
     def from_toml(cls, text: str) -> "Rig":
-        """Read the text of a rig file. Warns as load does; raises ValueError with line and field."""
+        """Read the text of a rig file. Warns as load does.
+
+        Raises ValueError with line and field.
+        """
         rig = cls._of(_trinocular.Rig.from_toml(text))
         warn(rig._native.doubts())
         return rig
