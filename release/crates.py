@@ -29,7 +29,7 @@ class Crate:
     @property
     def licence(self):
         """Returns its licences as an SPDX expression; a slash is the old way to write OR."""
-        return self.about["license"].replace("/", " OR ")
+        return " ".join(self.about["license"].replace("/", " OR ").split())
 
 
 def cargo(*arguments):
