@@ -9,7 +9,7 @@
 #   debian  Debian's rustc-web and cargo-web, which compile `core` from rust-web-src on the way (the packages
 #           match each other; rustup's servers may be out of reach where Debian's are not).
 #
-# EMBEDDED_TOOLCHAIN=rustup or =debian forces one. Messages go to stderr.
+# EMBEDDED_TOOLCHAIN=rustup or =debian forces one; EMBEDDED_RUSTFLAGS are further flags. Messages go to stderr.
 
 EMBEDDED_TARGET=thumbv7em-none-eabihf
 
@@ -35,7 +35,7 @@ embedded_toolchain() {
 embedded_cargo() {
     embedded_toolchain || return 1
     local subcommand=$1
-    local -x CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUSTFLAGS="-C llvm-args=-inlinehint-threshold=50"
+    local -x CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUSTFLAGS="-C llvm-args=-inlinehint-threshold=50 ${EMBEDDED_RUSTFLAGS:-}"
     shift
     case $embedded_kind in
     rustup)

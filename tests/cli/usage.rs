@@ -36,6 +36,15 @@ fn unknown_option_value_exits_2() {
 }
 
 #[test]
+fn absent_feature_is_named_before_the_run() {
+    let outcome = run(Path::new("."), &["track", "--sim", "--json", "--zenoh"]);
+    assert_eq!(outcome.code, Some(2), "{}", outcome.stderr);
+    assert_eq!(outcome.stdout, "");
+    let way_out = "--features trinocular/zenoh";
+    assert!(outcome.stderr.contains(way_out), "{}", outcome.stderr);
+}
+
+#[test]
 fn version_and_help_exit_0() {
     let version = run(Path::new("."), &["-V"]);
     assert_eq!(version.code, Some(0));

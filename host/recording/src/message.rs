@@ -1,5 +1,9 @@
 //! Messages of a recording, and their CDR encoding.
 
+mod transforms;
+
+pub use transforms::transforms;
+
 use crate::cdr::{CdrFault, Reader, Writer};
 use trinocular_client::diagnosis::explain;
 use trinocular_core::frame::message::Status;

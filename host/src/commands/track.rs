@@ -9,6 +9,7 @@ mod recorded;
 mod report;
 mod row;
 mod simulated;
+mod zenoh;
 
 use super::folder_input::PairOption;
 use super::frames::{RecordingInput, rig_missing};
@@ -26,6 +27,7 @@ use std::path::PathBuf;
 use trinocular::servo::path::TargetPath;
 use trinocular::servo::station_link::{StationLink, TWIN_B};
 use trinocular_client::diagnosis::explain;
+use trinocular_recording::queue::Pace;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
@@ -197,6 +199,9 @@ pub struct TrackOptions {
     #[command(flatten)]
     report: report::TrackReport,
 
+    #[command(flatten)]
+    zenoh: zenoh::ZenohOption,
+
     #[command(flatten, next_help_heading = "With --images, --watch and --cameras")]
     region: RegionOption,
 
@@ -223,7 +228,7 @@ impl TrackOptions {
         self.fps.unwrap_or(if is_simulated { 60.0 } else { 30.0 })
     }
 
-    /// Begins the recording of a run with this rig, if one was requested.
+    /// Begins the recording of a run with this rig, its page and its topics, if they were requested.
     fn recording(&self, rig: &RigFile) -> Result<Recording, Failure> {
         let read = |path: &PathBuf| RigFile::read_with_text(path).map(|(_, text)| text);
         let source = &self.source;
@@ -238,6 +243,12 @@ impl TrackOptions {
             seed: source.sim.then_some(self.scene.seed),
         };
         self.report.begin(&origin, &opened, self.force)?;
+        // Recorded images wait for the network, because nothing else waits for them.
+        let pace = match is_real || source.sim {
+            true => Pace::Real,
+            false => Pace::Virtual,
+        };
+        self.zenoh.begin(&rig.names, pace)?;
         opened.start(&origin)
     }
 
@@ -391,12 +402,14 @@ Examples:
   trinocular track --images captures/ --rig rig.toml
   trinocular track --images run.mcap
   trinocular track --watch captures/ --rig rig.toml --idle 60
-  trinocular track --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto";
+  trinocular track --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto
+  trinocular track --sim --zenoh";
 
 /// Runs the command.
 pub fn run(options: &TrackOptions, out: &mut impl Write) -> Result<(), Failure> {
     options.check()?;
     let outcome = options.report.close(follow(options, out));
+    let outcome = options.zenoh.close(outcome);
     if options.station.is_given()
         && let Err(Failure::Output(cause)) = &outcome
         && cause.kind() == std::io::ErrorKind::BrokenPipe

@@ -114,7 +114,9 @@ impl<'a> Captures<'a> {
         let reported = options
             .report
             .observers(&rig.rig, HandEye::of(stage, mounting));
-        for observer in observers(tap.clone(), &rig.rig).into_iter().chain(reported) {
+        let published = options.zenoh.observers(&rig.rig);
+        let recorded = observers(tap.clone(), &rig.rig);
+        for observer in recorded.into_iter().chain(reported).chain(published) {
             servo.add_observer(observer);
         }
         if let Some(page) = &page {

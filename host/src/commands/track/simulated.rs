@@ -89,6 +89,7 @@ fn follow(
             .report
             .observers(&rig, HandEye::of(&stage, Mounting::OnStage)),
     );
+    observers.extend(options.zenoh.observers(&rig));
     let estimator = options.method.into();
     let servo = SimulatedServo::start_observed(&mut world, &rig, timing, estimator, observers);
     let mut servo = servo.map_err(failed)?;
@@ -120,6 +121,9 @@ fn follow(
             let next_mm = options.path.at(servo.time_s(&world));
             world.a.send(setpoint(next_mm));
             let step = servo.step(&mut world).map_err(failed)?;
+            if world.b.twin().is_some() {
+                options.zenoh.pace(step.time_s);
+            }
             if let Some(page) = &page {
                 if world.b.twin().is_some() {
                     page.pace(step.time_s);
