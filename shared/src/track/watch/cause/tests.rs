@@ -96,7 +96,7 @@ fn healthy_loop_has_no_cause() {
 
 /// The station does not know where its stage will be: delays that would need it explain nothing.
 #[test]
-fn followed_target_with_unknown_positions_has_no_cause() {
+fn target_with_unknown_positions_has_no_cause() {
     let (mut evidence, unknown) = (Evidence::default(), History::default());
     for frame in 0..43u64 {
         let stage = shakes(0.1 + 1e-6 * (16_667 * frame) as f64);
