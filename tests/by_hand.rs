@@ -5,8 +5,10 @@ use serde_json::{Value, json};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
-use trinocular_client::stage::default_stage;
-use trinocular_core::frame::message::{End, LastRun, ResetCause, Side};
+use trinocular_client::serial::{Access, Serial};
+use trinocular_client::stage::{configuration_at, default_stage};
+use trinocular_core::frame::message::Command as StationCommand;
+use trinocular_core::frame::message::{End, LastRun, Mounting, ResetCause, Side};
 use trinocular_core::safety::{Fault, State};
 use trinocular_rig::rig_file::{HomeSwitch, RigFile};
 use trinocular_tests::binary::{interrupt, trinocular};
@@ -175,6 +177,24 @@ fn jog_takes_units_of_length() {
     let jog = desk.run("jog x=100");
     assert!(jog.err.contains("with --rig RIG.toml"), "{}", jog.err);
     assert_eq!(end.steps(), [4_800, 40, -80]);
+}
+
+#[test]
+fn reset_does_not_wait_for_the_end_of_a_jog() {
+    let end = station();
+    let desk = Desk::new(&end.path);
+    let mut stage = default_stage();
+    stage.max_speed_mm_s = [5.0; 3];
+    let config = configuration_at(&stage, Mounting::OnStage, 10_000).expect("it fits");
+    let mut owner = Serial::start_as(&end.path, config).expect("the station starts");
+    owner.set_access(Access::Open).expect("opening never fails");
+    let distance_um = [50_000, 0, 0];
+    let jog = StationCommand::Jog { distance_um };
+    owner.command("jog", jog).expect("it is allowed");
+    desk.run("reset").ended(3, &["the stage is moving"]);
+    desk.run("stop").ended(0, &["stopped"]);
+    assert_eq!(desk.status()["state"], "stopped");
+    desk.run("reset").ended(0, &["idle"]);
 }
 
 #[test]

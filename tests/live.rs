@@ -72,8 +72,9 @@ impl Controls for Desk {
         }
     }
 
-    fn stop(&self) {
+    fn stop(&self, reply: Reply) {
         self.stops.fetch_add(1, Ordering::SeqCst);
+        reply.send(Ok(()));
     }
 
     fn request(&self, action: Action, reply: Reply) {

@@ -230,6 +230,34 @@ fn jog_of_guest_in_motion_is_refused() {
 }
 
 #[test]
+fn guest_that_moved_nothing_leaves_motion_of_owner() {
+    let end = station();
+    let mut owner = start(&end);
+    owner.set_access(Access::Open).expect("opening never fails");
+    owner.command("jog", FAR).expect("it is allowed");
+    moving(&end);
+    let mut guest = Serial::connect(&end.path).expect("the owner lets it in");
+    guest.start_heartbeat().expect("it is answered");
+    let jog = Command::Jog {
+        distance_um: [0, 1_000, 0],
+    };
+    for (name, command) in [("jog", jog), ("zero", Command::Zero)] {
+        let refused = guest.command(name, command);
+        assert!(
+            matches!(refused, Err(StationError::Denied { .. })),
+            "{name}: {refused:?}"
+        );
+    }
+    drop(guest);
+    let before = end.steps()[0];
+    wait("the motion goes on", || end.steps()[0] > before + 100);
+    assert_eq!(
+        owner.status().map(|status| status.state),
+        Some(State::Moving)
+    );
+}
+
+#[test]
 fn guest_that_vanishes_stops_its_motion() {
     let end = station();
     let mut owner = start(&end);

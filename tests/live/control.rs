@@ -277,17 +277,24 @@ fn fault_while_nothing_is_followed_is_noted() {
     page.state(has_note(&["no fault any more"]));
 }
 
-/// A page does not wait for the answer to one action before it sends another.
+/// A reset that waited for the end of a motion would undo a stop that comes meanwhile.
 #[test]
-fn stop_overtakes_an_action_without_answer() {
+fn reset_in_motion_is_refused_by_name() {
     let lab = Lab::start(TargetPath::Still);
     let mut page = lab.page();
     page.state(is_in("idle"));
     assert_eq!(page.ask(&jog([50_000, 0, 0])), None);
     lab.wait_for_steps([0; 3]);
-    // It waits for the stage to stand.
-    page.say(&json!({"do": {"reset": {}}, "id": 1001}));
+    let refusal = page.ask(&json!({"reset": {}})).expect("it is refused");
+    assert!(refusal.contains("moving"), "{refusal}");
     assert_eq!(page.ask(&json!({"stop": {}})), None);
     page.state(is_in("stopped"));
     assert!(lab.twin.steps()[0] < 4_000);
+    assert_eq!(page.ask(&json!({"reset": {}})), None);
+    page.state(is_in("idle"));
+    // While it follows, too.
+    assert_eq!(page.ask(&json!({"follow": {"on": true}})), None);
+    page.state(is_in("following"));
+    let refusal = page.ask(&json!({"reset": {}}));
+    assert_eq!(refusal.as_deref(), Some("end following first"));
 }

@@ -29,7 +29,7 @@ pub mod stage;
 pub mod tape;
 pub mod twin;
 
-use trinocular_core::frame::message::{Denial, Mismatch, ResetCause};
+use trinocular_core::frame::message::{Denial, Mismatch, ResetCause, Status};
 use trinocular_core::frame::receive::Rejects;
 use trinocular_core::safety::Fault;
 
@@ -190,6 +190,24 @@ impl StationError {
                 ..
             }
         )
+    }
+
+    /// Returns true if a reset that was refused so may be sent again: the ramp of a stop or a fault
+    /// is under way or has ended, as `status` from after the refusal says, or the report of a fault
+    /// is. A reset does not wait for the end of any other motion, because a stop may come meanwhile,
+    /// which it must not undo.
+    pub fn reset_may_wait(&self, status: Option<&Status>) -> bool {
+        let is_on_its_way = status.is_none_or(|status| {
+            use trinocular_core::safety::State::{Following, Homing, Moving};
+            matches!(status.state, Moving | Following | Homing)
+        });
+        match self {
+            Self::Denied {
+                denial: Denial::Moving,
+                ..
+            } => !is_on_its_way,
+            error => error.is_passing(),
+        }
     }
 
     /// Returns the serial port that the message names, if it names one.

@@ -1,7 +1,7 @@
 // Buttons and keys that control the run, on a page that was opened by the control link.
 
 const byId = (id) => document.getElementById(id);
-// A stop is answered by the program's thread that serves the page, whatever its loop does.
+// A stop is answered when the station has answered it, whatever the program's loop does.
 const STOP_PATIENCE_MS = 1000;
 
 export class Controls {
@@ -48,7 +48,7 @@ export class Controls {
   async stop() {
     const error = await this.link.do({ stop: {} }, STOP_PATIENCE_MS);
     byId("answer").textContent = error
-      ? `STOP WAS NOT ANSWERED: ${error}. Press the emergency stop.` : "Stop was sent.";
+      ? `STOP WAS NOT ANSWERED: ${error}. Press the emergency stop.` : "The station has taken the stop.";
   }
 
   async ask(action) {

@@ -47,8 +47,8 @@ export class Freshness {
         "moves, press the emergency stop. Then continue the program (kill -CONT), or end it.");
     }
     if (this.turns !== null && standstill > STANDSTILL_MS) {
-      return this.say(`STALE: no new images for ${age(standstill)}. The program runs, and STOP ` +
-        "works; see to the cameras and to the line to the station.");
+      return this.say(`STALE: no new images for ${age(standstill)}. The program runs; STOP says ` +
+        "whether the station takes it. See to the cameras and to the line to the station.");
     }
     return this.say(null);
   }

@@ -98,8 +98,9 @@ pub trait Controls: Send + Sync {
     /// Returns the actions on offer.
     fn offers(&self) -> Offers;
 
-    /// Stops the stage from the thread of the page, whatever the loop is busy with.
-    fn stop(&self);
+    /// Stops the stage from the thread of the page, whatever the loop is busy with. The outcome goes
+    /// to `reply` when the station has answered.
+    fn stop(&self, reply: Reply);
 
     /// Takes in any other action, which has been [checked](Action::check), without waiting for it.
     /// The outcome goes to `reply` when the station has answered.

@@ -287,6 +287,20 @@ impl Page {
         self.send(Message::text(answer.to_string())).await
     }
 
+    /// Notes an action as pending, and makes the way back for its outcome.
+    fn reply(
+        pending: &mut VecDeque<(Instant, u64)>,
+        outcomes: &UnboundedSender<(u64, Outcome)>,
+        id: u64,
+    ) -> Reply {
+        pending.push_back((Instant::now() + OUTCOME_PATIENCE, id));
+        let outcomes = outcomes.clone();
+        Reply::new(move |outcome| {
+            // A page that has left needs no outcome.
+            let _ = outcomes.send((id, outcome));
+        })
+    }
+
     /// Does an action; returns its outcome if that is known at once.
     fn act(&mut self, action: Action, id: u64, seen_ms: Option<u64>) -> Option<Outcome> {
         let handle = match &self.controls {
@@ -301,8 +315,9 @@ impl Page {
             return Some(Err(reason));
         }
         if matches!(action, Action::Stop {}) {
-            handle.controls.stop();
-            return Some(Ok(()));
+            let reply = Self::reply(&mut self.pending, &self.outcome_sender, id);
+            handle.controls.stop(reply);
+            return None;
         }
         let Some(seen_ms) = seen_ms else {
             let reason = "this page is of another version of the program: load it again";
@@ -317,13 +332,7 @@ impl Page {
             let reason = format!("{MOST_PENDING} actions of this page have no answer yet; wait");
             return Some(Err(reason));
         }
-        self.pending
-            .push_back((Instant::now() + OUTCOME_PATIENCE, id));
-        let sender = self.outcome_sender.clone();
-        let reply = Reply::new(move |outcome| {
-            // A page that has left needs no outcome.
-            let _ = sender.send((id, outcome));
-        });
+        let reply = Self::reply(&mut self.pending, &self.outcome_sender, id);
         handle.controls.request(action, reply);
         None
     }

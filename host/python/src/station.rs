@@ -301,12 +301,16 @@ impl Station {
         let end = Instant::now() + REST_PATIENCE;
         loop {
             py.check_signals()?;
-            match self.with(py, |serial| serial.command("reset", Command::Reset))? {
-                // The ramp, or the report of a fault, is still under way.
-                Err(error) if error.is_passing() && Instant::now() < end => {
+            let reset = |serial: &mut Serial| {
+                let outcome = serial.command("reset", Command::Reset);
+                let status = serial.fresh_status(true).ok();
+                outcome.map_err(|error| (error.reset_may_wait(status.as_ref()), error))
+            };
+            match self.with(py, reset)? {
+                Err((true, _)) if Instant::now() < end => {
                     py.detach(|| std::thread::sleep(LOOK));
                 }
-                outcome => return outcome.map_err(|error| station(&error)),
+                outcome => return outcome.map_err(|(_, error)| station(&error)),
             }
         }
     }

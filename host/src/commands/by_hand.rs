@@ -190,6 +190,23 @@ impl Hand {
         }
     }
 
+    /// Resets the station; waits for the end of a ramp after a stop or a fault, and for no other
+    /// motion.
+    pub fn reset(&mut self) -> Result<Status, Failure> {
+        let end = Instant::now() + REST_PATIENCE;
+        loop {
+            let error = match self.try_command("reset", Command::Reset) {
+                Ok(status) => return Ok(status),
+                Err(error) => error,
+            };
+            let status = self.serial.fresh_status(true).ok();
+            if !error.reset_may_wait(status.as_ref()) || Instant::now() >= end {
+                return Err(self.failed(error));
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
     /// Configures the station with a stage, if one was named.
     pub fn configure(
         &mut self,

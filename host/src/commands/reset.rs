@@ -8,7 +8,6 @@ use crate::commands::failure::Failure;
 use clap::Args;
 use serde_json::json;
 use trinocular_client::diagnosis::{self, next_step};
-use trinocular_core::frame::message::Command;
 
 /// Clear a stop, or a fault whose cause is gone
 ///
@@ -28,7 +27,7 @@ pub struct ResetOptions {
 pub fn run(options: &ResetOptions, out: &mut impl Write) -> Result<(), Failure> {
     let mut hand = Hand::connect(&options.port)?;
     let before = hand.status()?;
-    let status = hand.command_at_rest("reset", Command::Reset)?;
+    let status = hand.reset()?;
     if options.json {
         let mut object = condition(&status);
         object["cleared"] = before.faults.iter().map(named).collect();

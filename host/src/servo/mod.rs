@@ -14,7 +14,7 @@
 //! * [`observer`]: what sees every turn of the loop and has no part in it: [`live`] shows it on a
 //!   page, [`recording`] records it;
 //! * [`workbench`]: the loop behind a live page, which also jogs, zeroes, homes and resets;
-//!   [`simulated_bench`] has its rendered cameras.
+//!   [`simulated_bench`] has its rendered cameras. [`stop_answer`] answers the STOP of a page.
 //!
 //! A [scenario](crate::scenario) takes the same loop apart, because it has several frames under
 //! way at once.
@@ -29,6 +29,7 @@ pub mod serial_station;
 pub mod simulated;
 pub mod simulated_bench;
 pub mod station_link;
+pub mod stop_answer;
 pub mod visual_servo;
 pub mod workbench;
 pub mod world;

@@ -13,6 +13,7 @@
 //! and leaves, or sends no ping for the heartbeat timeout, has its motion stopped.
 
 use super::super::StationError;
+use super::super::motion::moves;
 use super::super::owner::{self, Guest, Listener, Purpose, Stream};
 use super::super::stage::HEARTBEAT_MS;
 use super::port::send_all;
@@ -117,19 +118,21 @@ fn receive(listener: &Listener, stream: &mut Stream, shared: &Shared) -> io::Res
         pending: VecDeque::new(),
         pinged: None,
         configured_silence: None,
+        has_moved: false,
     };
     let outcome = owner::welcome(stream).and_then(|()| service.serve(stream, shared));
     if guest.purpose == Purpose::Drive {
-        leave(shared, was_pinging);
+        leave(shared, was_pinging, service.has_moved);
     }
     shared.line().guests.dismiss(&guest);
     outcome
 }
 
-/// Stops the stage if it moves because of a guest that has left. Then the heartbeat is as it was
-/// before the guest came: on if `was_pinging`.
-fn leave(shared: &Shared, was_pinging: bool) {
-    let mut is_first = true;
+/// Stops the stage if it moves because of a guest that has left. A guest that has not moved it leaves
+/// a motion of this program alone. Then the heartbeat is as it was before the guest came: on if
+/// `was_pinging`.
+fn leave(shared: &Shared, was_pinging: bool, has_moved: bool) {
+    let mut is_first = has_moved;
     loop {
         {
             let mut line = shared.line();
@@ -237,6 +240,8 @@ struct Service {
     pinged: Option<Instant>,
     /// Heartbeat timeout of the configuration that the guest has given.
     configured_silence: Option<Duration>,
+    /// True once a command of the guest that may move the stage has gone to the station.
+    has_moved: bool,
 }
 
 impl Service {
@@ -353,6 +358,7 @@ impl Service {
                     let silence = Duration::from_millis(config.heartbeat_ms.into());
                     self.configured_silence = Some(silence);
                 }
+                self.has_moved |= moves(&command);
                 let sequence = line.send(command);
                 if self.pending.len() == MOST_PENDING {
                     // Some are never answered.

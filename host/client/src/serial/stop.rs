@@ -87,6 +87,33 @@ impl Stopper {
     pub fn stop(&self, by: &str) {
         self.shared.line().stop_for(by.to_owned());
     }
+
+    /// Waits until the station has answered the stop.
+    ///
+    /// # Errors
+    /// As [`Serial::stop`].
+    pub fn until_stopped(&self) -> Result<(), StationError> {
+        self.shared.until_stopped()
+    }
+}
+
+impl Shared {
+    fn until_stopped(&self) -> Result<(), StationError> {
+        loop {
+            {
+                let mut line = self.line();
+                line.attend();
+                match line.stop {
+                    // The answer had come before this call, and a command has followed it.
+                    Stop::None | Stop::Answered => return Ok(()),
+                    Stop::Unanswered { sent } => return Err(StationError::Unstopped { sent }),
+                    Stop::Asked { .. } if !line.is_up() => return line.check_link(),
+                    Stop::Asked { .. } => {}
+                }
+            }
+            std::thread::sleep(super::LOOK);
+        }
+    }
 }
 
 impl Serial {
@@ -117,20 +144,7 @@ impl Serial {
     }
 
     pub(super) fn until_stopped(&self) -> Result<(), StationError> {
-        loop {
-            {
-                let mut line = self.shared.line();
-                line.attend();
-                match line.stop {
-                    // The answer had come before this call, and a command has followed it.
-                    Stop::None | Stop::Answered => return Ok(()),
-                    Stop::Unanswered { sent } => return Err(StationError::Unstopped { sent }),
-                    Stop::Asked { .. } if !line.is_up() => return line.check(),
-                    Stop::Asked { .. } => {}
-                }
-            }
-            std::thread::sleep(super::LOOK);
-        }
+        self.shared.until_stopped()
     }
 
     /// Waits until the station says that the stage stands after a stop that it has answered,

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use trinocular::servo::live::LiveObserver;
 use trinocular::servo::observer::ServoObserver;
 use trinocular::servo::station_link::StationLink;
+use trinocular::servo::stop_answer::answer_stop;
 use trinocular_client::StationError;
 use trinocular_client::serial::Stopper;
 use trinocular_core::frame::message::Mounting;
@@ -172,10 +173,11 @@ impl Controls for RunControls {
         }
     }
 
-    fn stop(&self) {
+    fn stop(&self, reply: Reply) {
         if let Some(stopper) = &self.stopper {
             stopper.stop(NAME);
         }
+        answer_stop(self.stopper.clone(), reply);
         self.is_asked.store(true, Ordering::Relaxed);
     }
 

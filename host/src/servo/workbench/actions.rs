@@ -28,9 +28,10 @@ impl<B: Bench> Workbench<B> {
             return Ok(());
         }
         match action {
-            Action::Reset {} => {
-                self.begin_reset(Some(reply));
+            Action::Reset {} if self.servo.is_some() => {
+                reply.send(self.refuse("end following first"));
             }
+            Action::Reset {} => self.begin_reset(Some(reply)),
             Action::Follow { on: true } if self.servo.is_none() => match self.begin() {
                 Ok(()) => self.starting = Some(reply),
                 refused => reply.send(refused),
@@ -167,13 +168,19 @@ impl<B: Bench> Workbench<B> {
         };
         let station = self.bench.station();
         let state = station.status().map(|status: Status| status.state);
-        let is_moving = state.is_none_or(State::is_moving);
-        if is_moving && HostInstant::now() < end {
+        let is_on_its_ramp = matches!(state, None | Some(State::Stopping));
+        if is_on_its_ramp && HostInstant::now() < end {
             return Ok(());
         }
         let outcome = match station.command("reset", Command::Reset) {
-            // The ramp or the report of the fault is still under way.
-            Err(error) if error.is_passing() && HostInstant::now() < end => return Ok(()),
+            Err(error) if error.is_passing() && HostInstant::now() < end => {
+                let fresh = self.fresh_status();
+                let status = fresh.or_else(|| self.bench.station().status());
+                match error.reset_may_wait(status.as_ref()) {
+                    true => return Ok(()),
+                    false => Err(error),
+                }
+            }
             outcome => outcome,
         };
         let reply = self.reset.take().and_then(|reset| reset.reply);

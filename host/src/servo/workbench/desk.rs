@@ -1,5 +1,6 @@
 //! Way of the pages' requests to the loop.
 
+use crate::servo::stop_answer::answer_stop;
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::{Duration, Instant};
 use trinocular_client::serial::Stopper;
@@ -49,10 +50,11 @@ impl Controls for Desk {
         self.offers
     }
 
-    fn stop(&self) {
+    fn stop(&self, reply: Reply) {
         if let Some(stopper) = &self.stopper {
             stopper.stop(PAGE);
         }
+        answer_stop(self.stopper.clone(), reply);
         // The loop notices the stop by itself; a full queue is no reason to fail.
         let stop = Request::new(Action::Stop {}, Reply::new(|_| {}));
         let _ = self.requests.try_send(stop);

@@ -212,6 +212,11 @@ impl Line {
         if let Some(by) = &self.stopped_by {
             return Err(StationError::StoppedByOther { by: by.clone() });
         }
+        self.check_link()
+    }
+
+    /// Checks that packets reach the station.
+    pub fn check_link(&self) -> Result<(), StationError> {
         let path = || self.path.clone();
         match (&self.link, &self.interruption) {
             (Link::Up, None) => Ok(()),
