@@ -68,7 +68,7 @@ impl Machine {
                 error: view.target([0; 3]),
                 variance: measurement.variance,
             };
-            match self.tracker.watch.see(&sample, used, bounds, &self.history) {
+            match self.tracker.watch.see(&sample, used, bounds) {
                 Advice::GoOn => {}
                 Advice::Stop => {
                     if let Some(planner) = &mut self.planner {

@@ -19,11 +19,11 @@
 //! figures. So there are two stages:
 //!
 //! 1. *Suspicion*, cheap and often wrong: the stage moves towards a target that comes no nearer; or
-//!    the loop shakes, and `p` moves as much as `s`; or other time stamps would explain what `p`
-//!    does; or frames are refused as outliers while the stage moves on.
+//!    the loop shakes, and `p` moves as much as `s`; or frames are refused as outliers while the
+//!    stage moves on.
 //! 2. *Trial*: the stage is ramped down and stands for 0.1 to 0.3 s. A target that moves by itself
 //!    goes on; one that the stage moves stops with it. Two trials that agree make the fault, or one
-//!    that leaves no doubt, or one that shows the [`cause`]. Then following goes on.
+//!    that leaves no doubt. Then following goes on.
 //!
 //! After a trial that finds a target that moves by itself, the next one waits for half a second,
 //! then for 1, 2, 4 and 8 s. A suspicion of lost steps is pardoned up to three times if the error
@@ -49,8 +49,6 @@
 //! # Following error
 //! `|e|` beyond a bound in every frame for longer than a time is a fault of its own.
 
-mod cause;
-mod late;
 mod shaking;
 mod trial;
 mod unseen;
@@ -58,10 +56,8 @@ mod window;
 
 use super::StepVector;
 use super::filter::steps;
-use super::history::History;
 use crate::safety::Fault;
 use crate::time::Instant;
-use cause::{Cause, Doubt, Evidence};
 use shaking::Shaking;
 use trial::{ENOUGH, Suspicion, Trial, Verdict};
 use unseen::{Unseen, is_near};
@@ -150,8 +146,6 @@ pub struct Watch {
     /// Mean time between used frames, ms.
     period_ms: f32,
     window: Window,
-    /// Window that goes on through a trial.
-    evidence: Evidence,
     unseen: [Unseen; 3],
     shaking: Shaking,
     /// Number of refused frames in succession.
@@ -175,15 +169,8 @@ impl Watch {
         self.trial.is_some()
     }
 
-    /// Takes in a frame. `used` is false for one that was refused as an outlier. `history` tells
-    /// where the stage was if the stamps are wrong.
-    pub fn see(
-        &mut self,
-        sample: &Sample,
-        used: bool,
-        bounds: &Bounds,
-        history: &History,
-    ) -> Advice {
+    /// Takes in a frame. `used` is false for one that was refused as an outlier.
+    pub fn see(&mut self, sample: &Sample, used: bool, bounds: &Bounds) -> Advice {
         if used && self.is_far(sample, bounds) {
             return Advice::Fail(Fault::FollowingError);
         }
@@ -198,7 +185,7 @@ impl Watch {
         }
         let Some(last) = self.last else {
             self.last = Some(*sample);
-            self.begin_anew(sample, history);
+            self.window = Window::starting(sample);
             return Advice::GoOn;
         };
         let since = sample.capture.since(last.capture);
@@ -215,34 +202,26 @@ impl Watch {
             .case
             .filter(|case| milliseconds(sample.capture.since(case.at)) <= counts_ms);
         match self.trial {
-            Some(trial) => self.try_on(trial, [&last, sample], history, bounds),
+            Some(trial) => self.try_on(trial, [&last, sample], bounds),
             None if gap => {
-                self.begin_anew(sample, history);
+                self.begin_anew(sample);
                 Advice::GoOn
             }
-            None => self.suspect([&last, sample], history, bounds),
+            None => self.suspect([&last, sample], bounds),
         }
     }
 
     /// Clears the state that leads to a suspicion.
-    fn begin_anew(&mut self, sample: &Sample, history: &History) {
+    fn begin_anew(&mut self, sample: &Sample) {
         self.window = Window::starting(sample);
-        self.evidence = Evidence::default();
-        self.evidence.add(sample, history);
         self.unseen = [Unseen::default(); 3];
         self.shaking = Shaking::default();
         self.astray = [0; 3];
     }
 
     /// Looks for a reason to stop the stage.
-    fn suspect(
-        &mut self,
-        [last, sample]: [&Sample; 2],
-        history: &History,
-        bounds: &Bounds,
-    ) -> Advice {
+    fn suspect(&mut self, [last, sample]: [&Sample; 2], bounds: &Bounds) -> Advice {
         self.window.add(sample);
-        self.evidence.add(sample, history);
         let full = self.window.frames() > WINDOW_FRAMES && self.window.span_ms > WINDOW_MS;
         let mut astray = self.is_astray([last, sample], bounds);
         let unseen = self.unseen([last, sample], bounds);
@@ -256,27 +235,20 @@ impl Watch {
             let large = large(bounds);
             let again = self.case.is_some();
             shakes = self.shaking.see(spreads, sample.variance, large, again);
-            shakes |= cause::stamps_are_doubtful(&self.evidence, sample.variance);
             if !self.shaking.is_active() {
                 self.pardons = 0;
             }
             self.window = Window::starting(sample);
         }
         let suspicion = match (astray, shakes) {
-            (true, _) => Some(Suspicion::Astray),
-            (false, true) => Some(Suspicion::Shaking),
-            (false, false) => None,
+            (true, _) => Suspicion::Astray,
+            (false, true) => Suspicion::Shaking,
+            (false, false) => return Advice::GoOn,
         };
-        let quiet = sample.capture < self.quiet_until;
-        let Some(suspicion) = suspicion.filter(|_| !quiet) else {
-            if quiet && (astray || shakes) {
-                self.unseen = [Unseen::default(); 3];
-            }
-            if full {
-                self.evidence.turn();
-            }
+        if sample.capture < self.quiet_until {
+            self.unseen = [Unseen::default(); 3];
             return Advice::GoOn;
-        };
+        }
         self.trial = Some(Trial::new(suspicion));
         Advice::Stop
     }
@@ -336,36 +308,17 @@ impl Watch {
     }
 
     /// Continues a trial.
-    fn try_on(
-        &mut self,
-        mut trial: Trial,
-        frames: [&Sample; 2],
-        history: &History,
-        bounds: &Bounds,
-    ) -> Advice {
+    fn try_on(&mut self, mut trial: Trial, frames: [&Sample; 2], bounds: &Bounds) -> Advice {
         let (before, large) = (self.shaking.before, large(bounds));
-        let mut verdict = trial.see(frames, &mut self.window, before, large);
+        let verdict = trial.see(frames, &mut self.window, before, large);
         let [_, sample] = frames;
-        self.evidence.add(sample, history);
         let at = sample.capture;
         if verdict == Verdict::Wait {
             self.trial = Some(trial);
             return Advice::GoOn;
         }
-        let doubt = match verdict {
-            Verdict::Coupled { lost: true, .. } => Doubt::Lost,
-            Verdict::Coupled { .. } => Doubt::Coupled,
-            _ => Doubt::None,
-        };
-        if let Some(cause) = cause::found(&self.evidence, sample.variance, doubt) {
-            let lost = cause == Cause::Steps;
-            verdict = Verdict::Coupled {
-                points: ENOUGH,
-                lost,
-            };
-        }
         self.trial = None;
-        self.begin_anew(sample, history);
+        self.begin_anew(sample);
         match (verdict, self.case) {
             (Verdict::Coupled { points, lost }, case) => {
                 let points = case.map_or(0, |case| case.points).saturating_add(points);

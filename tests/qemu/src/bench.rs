@@ -21,7 +21,6 @@ use trinocular_core::motion::{Limits, Planner};
 use trinocular_core::steps::{AxisMotion, Generator, Position, Segment};
 use trinocular_core::time::Instant;
 use trinocular_core::track::filter::KinematicLimits;
-use trinocular_core::track::history::History;
 use trinocular_core::track::pursuit::{Measurement, Pursuit, Settings};
 use trinocular_core::track::watch::{Bounds, Sample, Watch};
 
@@ -190,24 +189,16 @@ fn watching(counter: &mut Counter, table: &mut Table) {
         unseen: [800 << 32; 3],
         ..Bounds::default()
     };
-    let (mut watch, mut history) = (Watch::default(), History::default());
-    let (mut sum, mut ticks) = (Sum::default(), 0);
+    let mut watch = Watch::default();
+    let mut sum = Sum::default();
     for frame in 0..TICKS as i64 {
-        let capture = Instant::from_micros(16_667 * frame as u64);
-        while 1_000 * ticks <= capture.micros() + 20_000 {
-            let stage = (4 * ticks as i64) << 32;
-            history.record(Instant::from_micros(1_000 * ticks), [stage; 3]);
-            ticks += 1;
-        }
         let sample = Sample {
-            capture,
+            capture: Instant::from_micros(16_667 * frame as u64),
             stage: [(67 * frame + frame % 2) << 32; 3],
             error: [(frame * 7 % 3) << 32; 3],
             variance: [0.2, 0.2, 5.0],
         };
-        counter.add(&mut sum, || {
-            watch.see(black_box(&sample), true, &bounds, &history)
-        });
+        counter.add(&mut sum, || watch.see(black_box(&sample), true, &bounds));
     }
     table.row("watch: a frame of three axes", sum.per(1), None);
 }

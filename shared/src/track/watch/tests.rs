@@ -25,7 +25,6 @@ fn sample(k: u64, stage: i64, error: i64) -> Sample {
 /// the fault.
 fn obeys(frames: u64, seen: impl Fn(i64, i64) -> i64) -> Option<(u64, Fault)> {
     let (mut watch, mut stage, mut speed) = (Watch::default(), 0, 0);
-    let unknown = History::default();
     let unseen_only = Bounds {
         error: [0; 3],
         ..bounds()
@@ -35,7 +34,7 @@ fn obeys(frames: u64, seen: impl Fn(i64, i64) -> i64) -> Option<(u64, Fault)> {
         let wanted = if watch.holds() { 0 } else { 40 };
         speed += (wanted - speed).clamp(-10, 10);
         let frame = sample(k, stage, seen(k as i64, stage));
-        match watch.see(&frame, true, &unseen_only, &unknown) {
+        match watch.see(&frame, true, &unseen_only) {
             Advice::Fail(fault) => return Some((k, fault)),
             Advice::GoOn | Advice::Stop => {}
         }
@@ -66,9 +65,9 @@ fn target_that_runs_ahead_is_no_fault() {
 #[test]
 fn distant_target_is_following_error() {
     let far = |frames: u64, error: fn(u64) -> i64| {
-        let (mut watch, unknown) = (Watch::default(), History::default());
+        let mut watch = Watch::default();
         (0..frames).find(|k| {
-            let advice = watch.see(&sample(*k, 0, error(*k)), true, &bounds(), &unknown);
+            let advice = watch.see(&sample(*k, 0, error(*k)), true, &bounds());
             advice == Advice::Fail(Fault::FollowingError)
         })
     };
@@ -81,11 +80,11 @@ fn distant_target_is_following_error() {
 
 #[test]
 fn zero_bounds_disable_watch() {
-    let (mut watch, unknown) = (Watch::default(), History::default());
-    for k in 0..1_000u64 {
+    let mut watch = Watch::default();
+    for k in 0..1_000 {
         let mut far = sample(k, 0, 0);
         (far.stage, far.error) = ([i64::MAX - k as i64; 3], [i64::MIN + k as i64; 3]);
-        let advice = watch.see(&far, !k.is_multiple_of(3), &Bounds::default(), &unknown);
+        let advice = watch.see(&far, !k.is_multiple_of(3), &Bounds::default());
         assert_eq!(advice, Advice::GoOn);
     }
 }
@@ -98,17 +97,17 @@ proptest! {
         bounds: [StepVector; 2],
     ) {
         let bounds = Bounds { unseen: bounds[0], error: [0; 3], longest_us: 0 };
-        let (mut watch, unknown) = (Watch::default(), History::default());
+        let mut watch = Watch::default();
         let mut last = 0;
         for (capture, stage, error, variance, used) in frames {
             last = last.max(capture);
             let sample = Sample { capture: Instant::from_micros(capture), stage, error, variance };
-            watch.see(&sample, used, &bounds, &unknown);
+            watch.see(&sample, used, &bounds);
         }
         for k in 1..40u64 {
             let capture = Instant::from_micros(last.saturating_add(50_000 * k));
             let sample = Sample { capture, stage: [0; 3], error: [0; 3], variance: [0.1; 3] };
-            watch.see(&sample, true, &bounds, &unknown);
+            watch.see(&sample, true, &bounds);
         }
         prop_assert!(!watch.holds() || last > u64::MAX / 2);
     }
