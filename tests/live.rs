@@ -7,6 +7,8 @@ mod access;
 mod attack;
 #[path = "live/control.rs"]
 mod control;
+#[path = "live/ended.rs"]
+mod ended;
 #[path = "live/options.rs"]
 mod options;
 #[path = "live/peer.rs"]
@@ -15,6 +17,8 @@ mod peer;
 mod port;
 #[path = "live/record.rs"]
 mod record;
+#[path = "live/served.rs"]
+mod served;
 #[path = "live/slow.rs"]
 mod slow;
 #[path = "live/suspended.rs"]

@@ -1,58 +1,14 @@
 //! Pages of a program that was suspended: what they asked meanwhile is not done afterwards.
 
 use super::PATIENCE;
-use super::peer::Peer;
+use super::served::Served;
 use serde_json::json;
-use std::io::{BufRead as _, BufReader};
-use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
-use trinocular_tests::binary::{signal, trinocular};
-
-/// A program that serves its built-in twin.
-struct Served {
-    program: Child,
-    page: Peer,
-}
-
-impl Served {
-    fn start() -> Self {
-        let mut command = trinocular();
-        command.args(["serve", "--control", "--listen", "127.0.0.1:0"]);
-        let mut program = command
-            .args(["--seconds", "60"])
-            .stderr(Stdio::piped())
-            .stdout(Stdio::null())
-            .spawn()
-            .expect("the program runs");
-        let mut lines = BufReader::new(program.stderr.take().expect("piped")).lines();
-        let link = lines
-            .by_ref()
-            .filter_map(Result::ok)
-            .find_map(|line| {
-                let (_, link) = line.split_once("http://")?;
-                let (address, token) = link.split_once("/#control=")?;
-                Some((address.to_owned(), token.trim().to_owned()))
-            })
-            .expect("a control link");
-        // An unread pipe would block the program.
-        std::thread::spawn(move || lines.for_each(drop));
-        let mut page = Peer::open(link.0.parse().expect("an address"));
-        page.exchange(&link.1).expect("the link is new");
-        Self { program, page }
-    }
-}
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        signal(&self.program, "CONT");
-        let _ = self.program.kill();
-        let _ = self.program.wait();
-    }
-}
+use trinocular_tests::binary::signal;
 
 #[test]
 fn jog_during_suspension_is_not_done() {
-    let mut served = Served::start();
+    let mut served = Served::start("60");
     let page = &mut served.page;
     // The built-in twin follows from the start.
     assert_eq!(page.ask(&json!({"follow": {"on": false}})), None);

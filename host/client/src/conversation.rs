@@ -4,12 +4,14 @@
 use super::clock::Clock;
 use super::motion::Motion;
 use super::plausible::{self, Implausible, Known};
+use super::positions::Positions;
 use std::collections::VecDeque;
 use trinocular_core::frame::encode::{Bytes, encode};
 use trinocular_core::frame::message::{
     Command, Denial, Hello, LastRun, Outcome, Packet, Report, Status,
 };
 use trinocular_core::frame::receive::{Receiver, Rejects};
+use trinocular_core::time::Instant;
 use trinocular_rig::printable::is_printable;
 
 /// Number of answers kept until the caller takes them.
@@ -60,6 +62,7 @@ pub struct Client {
     hello: Option<Hello>,
     last_run: Option<LastRun>,
     status: Option<Status>,
+    positions: Positions,
     /// True if `status` came after the last hello.
     status_is_fresh: bool,
     /// Sequence number, control tick and outcome.
@@ -129,6 +132,7 @@ impl Client {
             Report::LastRun(last_run) => self.last_run = Some(last_run),
             Report::Status(status) => {
                 self.motion.told(&status);
+                self.positions.add(&status);
                 self.status = Some(status);
                 self.status_is_fresh = true;
             }
@@ -170,6 +174,7 @@ impl Client {
         self.hello = None;
         self.last_run = None;
         self.status = None;
+        self.positions.clear();
         self.answers.clear();
         self.answered_tick = None;
         self.implausible = None;
@@ -231,6 +236,13 @@ impl Client {
         self.answers
             .remove(at)
             .map(|(_, tick, outcome)| (tick, outcome))
+    }
+
+    /// Returns the position of the stage at an instant of the station's clock, whole steps and parts
+    /// of them, from the reports around it: up to a second ago at 60 frames per second. `None`
+    /// without a report.
+    pub fn position_steps_at(&self, at: Instant) -> Option<[f64; 3]> {
+        self.positions.at(at.micros())
     }
 
     /// Returns the latest status, if it came after the station's hello.

@@ -22,6 +22,7 @@ pub mod owner;
 pub mod plant;
 pub mod plausible;
 pub mod ports;
+mod positions;
 pub mod rest;
 pub mod serial;
 pub mod shortened;

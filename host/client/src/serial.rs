@@ -36,6 +36,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use trinocular_core::frame::message::{Command, Denial, Hello, LastRun, Status};
 use trinocular_core::safety::Fault;
+use trinocular_core::time::Instant as StationInstant;
 use trinocular_rig::interruption;
 
 /// Polling period of the line.
@@ -234,6 +235,12 @@ impl Serial {
             false => client.status_since_hello().copied(),
         })?;
         status.ok_or_else(|| self.silence("status", PATIENCE))
+    }
+
+    /// Returns the position of the stage at an instant of the station's clock, as
+    /// [`Client::position_steps_at`] does.
+    pub fn position_steps_at(&self, at: StationInstant) -> Option<[f64; 3]> {
+        self.client().position_steps_at(at)
     }
 
     /// Returns the path of the port.

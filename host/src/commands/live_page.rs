@@ -3,9 +3,13 @@
 use crate::commands::failure::Failure;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
+use std::time::Duration;
 use trinocular_live::access::Access;
 use trinocular_live::{Controls, Hub, LiveError, Server, Setup};
 use trinocular_rig::notice;
+
+/// Time in which the pages get the end of the run before the connection closes.
+const FAREWELL: Duration = Duration::from_millis(200);
 
 /// Open page of a command. Dropping it closes the page.
 pub struct LivePage {
@@ -81,5 +85,8 @@ impl LivePage {
 impl Drop for LivePage {
     fn drop(&mut self) {
         self.hub.end();
+        if self.hub.clients() > 0 {
+            std::thread::sleep(FAREWELL);
+        }
     }
 }

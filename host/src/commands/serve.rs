@@ -281,6 +281,9 @@ fn serve<B: Bench>(
     let outcome = bench.run(is_over);
     // Stops a stage that still moves, before the page and its STOP are gone.
     drop(bench);
+    if let Err(error) = &outcome {
+        page.hub().warn(error.to_string());
+    }
     drop(page);
     outcome.map_err(|error| Failure::of_servo(port, error))?;
     notice!("the page is closed");

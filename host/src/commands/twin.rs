@@ -20,7 +20,7 @@ use trinocular_client::twin::real_time::RealTimeTwin;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::images::Texture;
+use trinocular_vision::images::{Scene, Texture};
 
 /// Simulate a station in real time, for other commands to connect to with `--port twin`
 ///
@@ -90,11 +90,13 @@ pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
     let rig = rig(options.rig.as_deref())?;
     let stage = rig.stage.clone().unwrap_or_else(default_stage);
     let stop = super::by_hand::on_interrupt()?;
-    let mut port = Port::open(options)?;
-    let mut lab = match options.with_target {
-        true => Some(lab(options, &rig, &port)?),
+    // Drawing takes seconds; a port that exists answers.
+    let scene = match options.with_target {
+        true => Some(scene(options, &rig)?),
         false => None,
     };
+    let mut port = Port::open(options)?;
+    let mut lab = scene.map(|scene| lab(options, scene, &port)).transpose()?;
     writeln!(out, "station simulated on {}; Ctrl-C ends it", port.name)?;
     out.flush()?;
     let mut twin = RealTimeTwin::power_on(&stage);
@@ -141,12 +143,17 @@ fn rig(path: Option<&Path>) -> Result<RigFile, Failure> {
     Ok(rig)
 }
 
+/// Draws the poster of the simulated bench.
+fn scene(options: &TwinOptions, rig: &RigFile) -> Result<Scene, Failure> {
+    let texture = Texture::of_kind(options.scene.texture, options.scene.seed);
+    Scene::new(&rig.rig, &texture, options.scene.settings())
+        .map_err(|error| Failure::Usage(super::scene::reason(&error)))
+}
+
 #[cfg(unix)]
-fn lab(options: &TwinOptions, rig: &RigFile, port: &Port) -> Result<lab::Lab, Failure> {
+fn lab(options: &TwinOptions, scene: Scene, port: &Port) -> Result<lab::Lab, Failure> {
     let setup = lab::LabSetup {
-        rig: &rig.rig,
-        texture: Texture::of_kind(options.scene.texture, options.scene.seed),
-        scene: options.scene.settings(),
+        scene,
         seed: options.scene.seed,
         path: options.path,
         fps: options.fps,
@@ -155,7 +162,7 @@ fn lab(options: &TwinOptions, rig: &RigFile, port: &Port) -> Result<lab::Lab, Fa
 }
 
 #[cfg(not(unix))]
-fn lab(_: &TwinOptions, _: &RigFile, _: &Port) -> Result<NoLab, Failure> {
+fn lab(_: &TwinOptions, _: Scene, _: &Port) -> Result<NoLab, Failure> {
     let reason = "--with-target needs local sockets, which this system does not have";
     Err(Failure::Usage(reason.to_owned()))
 }

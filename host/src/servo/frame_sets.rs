@@ -78,7 +78,7 @@ impl<I: Iterator<Item = Result<FrameSet, InputError>>> Bench for CameraBench<I> 
 pub struct Followed {
     /// Capture time, s since the first frame set.
     pub time_s: f64,
-    /// Position of the stage, mm from where the station was started.
+    /// Position of the stage then, mm from where the station was started.
     pub stage_mm: [f64; 3],
     /// Result of the turn.
     pub turn: ServoStep,
@@ -203,7 +203,7 @@ impl FrameSetServo {
         }
         Ok(Some(Followed {
             time_s: since_us as f64 * 1e-6,
-            stage_mm: self.station.position_mm(),
+            stage_mm: turn.stage_mm,
             turn,
         }))
     }

@@ -31,7 +31,7 @@ impl ServoObserver for LiveObserver {
                 reference: _,
                 measured,
                 step,
-                stage_mm,
+                after_mm: _,
                 status,
             } => {
                 let sentence = step.outcome.refusal();
@@ -48,7 +48,7 @@ impl ServoObserver for LiveObserver {
                     }),
                     refusal: name.zip(sentence.as_deref()),
                     absent: &step.absent,
-                    stage_mm: *stage_mm,
+                    stage_mm: step.stage_mm,
                     status: *status,
                 });
             }

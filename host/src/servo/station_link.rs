@@ -284,6 +284,16 @@ impl StationLink {
         }
     }
 
+    /// Returns the position of a stage on a line at an instant of the station's clock that has
+    /// passed, mm, from the reports around it. `None` for the twin, whose time stands where the
+    /// loop has brought it.
+    pub fn position_at(&self, at: Instant) -> Option<[f64; 3]> {
+        match self {
+            Self::Twin(_) => None,
+            Self::Live(live) => live.position_at(at),
+        }
+    }
+
     /// Returns the position of the cameras, mm from that at the station's start, from edges counted
     /// at the pins or from the latest report.
     pub fn position_mm(&self) -> [f64; 3] {
@@ -366,6 +376,17 @@ impl Live {
         // The world is run forward to it.
         plausible::check_moment(moment.at.micros(), self.serial.now_us())?;
         Ok(moment)
+    }
+
+    /// Returns the position at the pins at an instant of the station's clock, mm.
+    fn position_at(&self, at: Instant) -> Option<[f64; 3]> {
+        let reported = at.micros().saturating_sub(self.delay_us);
+        let steps = self
+            .serial
+            .position_steps_at(Instant::from_micros(reported))?;
+        Some(std::array::from_fn(|axis| {
+            steps[axis] / self.steps_per_mm[axis]
+        }))
     }
 
     fn position_mm(&self, status: &Status) -> [f64; 3] {

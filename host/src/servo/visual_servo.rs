@@ -97,6 +97,10 @@ pub struct ServoStep {
     pub absent: Vec<(usize, CameraRefusal)>,
     /// Trust in the station's position, by its latest status.
     pub trust: Trust,
+    /// Position of the stage when the images were taken, mm from that at the station's start. A
+    /// station on a line reports it every 100 ms and after each frame; between two reports it is
+    /// interpolated.
+    pub stage_mm: [f64; 3],
 }
 
 /// Flow sums of one instant.
@@ -273,6 +277,8 @@ impl VisualServo {
         taken: Instant,
         arrival: Option<Instant>,
     ) -> Result<ServoStep, StationError> {
+        // The twin's time stands at the capture; a station on a line reports around it.
+        let twin_mm = station.position_mm();
         let measured = self.measure(images);
         let outcome = match &measured {
             Err(refusal) => ServoOutcome::Refused(refusal.clone()),
@@ -294,6 +300,7 @@ impl VisualServo {
             outcome,
             absent: (measured.as_ref()).map_or(Vec::new(), |measured| measured.absent.clone()),
             trust: status.map_or(Trust::Unknown, |status| status.trust),
+            stage_mm: station.position_at(taken).unwrap_or(twin_mm),
         };
         let event = ServoEvent::Step {
             images,
@@ -301,7 +308,7 @@ impl VisualServo {
             reference: self.keyframe,
             measured: measured.as_ref(),
             step: &step,
-            stage_mm: station.position_mm(),
+            after_mm: station.position_mm(),
             status: status.as_ref(),
         };
         for observer in &mut self.observers {

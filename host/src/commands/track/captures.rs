@@ -251,6 +251,7 @@ impl<'a> Captures<'a> {
             outcome,
             absent,
             trust,
+            stage_mm: _,
         } = turn;
         if self.options.json || self.options.csv {
             let trust = diagnosis::trust(*trust);

@@ -216,6 +216,7 @@ fn print(
         outcome,
         absent,
         trust,
+        stage_mm: _,
     } = turn;
     let position = diagnosis::position(*trust);
     if options.json || options.csv {

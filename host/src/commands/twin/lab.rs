@@ -12,11 +12,10 @@ use trinocular::servo::path::TargetPath;
 use trinocular_client::stage::{default_stage, setpoint};
 use trinocular_client::twin::Twin;
 use trinocular_core::frame::message::Mounting;
-use trinocular_core::rig::Rig;
 use trinocular_core::time::Instant as StationInstant;
 use trinocular_rig::error::InputError;
 use trinocular_vision::images::cameras::stream::StreamHeader;
-use trinocular_vision::images::{FrameSet, Scene, SceneSettings, Texture};
+use trinocular_vision::images::{FrameSet, Scene};
 
 /// Longest time for which one reader may hold up the images of the others.
 const WRITE_PATIENCE: Duration = Duration::from_millis(50);
@@ -26,13 +25,9 @@ const LONGEST_NAME: u64 = 64;
 
 /// Setup of the simulated bench.
 #[derive(Debug)]
-pub struct LabSetup<'a> {
-    /// Cameras on the stage.
-    pub rig: &'a Rig,
-    /// Poster that they see.
-    pub texture: Texture,
-    /// Its place, and the cameras' blur and noise.
-    pub scene: SceneSettings,
+pub struct LabSetup {
+    /// Poster before the cameras on the stage.
+    pub scene: Scene,
     /// Seed of the noise.
     pub seed: u64,
     /// Motion of the poster.
@@ -63,9 +58,7 @@ pub struct Lab {
 
 impl Lab {
     /// Starts the cameras, with their socket beside the station's `link`.
-    pub fn start(setup: LabSetup<'_>, link: &Path) -> Result<Self, Failure> {
-        let refused = |error| Failure::Usage(crate::commands::scene::reason(&error));
-        let scene = Scene::new(setup.rig, &setup.texture, setup.scene).map_err(refused)?;
+    pub fn start(setup: LabSetup, link: &Path) -> Result<Self, Failure> {
         let target = Twin::start(&default_stage(), "twin A", Mounting::OnStage)
             .map_err(|error| Failure::of_station(None, error))?;
         let path = cameras_of(link);
@@ -77,7 +70,7 @@ impl Lab {
         // One that is being rendered and one that waits: a slow computer skips shots.
         let (shots, orders) = sync_channel(1);
         let renderer = Renderer {
-            scene,
+            scene: setup.scene,
             seed: setup.seed,
             path: setup.path,
             period_s: 1.0 / setup.fps,

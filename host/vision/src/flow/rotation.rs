@@ -2,7 +2,7 @@
 //! measured wrongly: half a degree of yaw is 18 sigma.
 //!
 //! The rotation about the centroid of the points is fitted to what a displacement leaves
-//! ([`super::linear_motion`]), six unknowns by least squares. The covariance of `ω` is that of the
+//! (module `linear_motion`), six unknowns by least squares. The covariance of `ω` is that of the
 //! remaining residuals, inflated by [`super::variance_inflation`].
 
 use super::Correspondence;
