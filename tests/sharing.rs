@@ -230,7 +230,7 @@ fn jog_of_guest_in_motion_is_refused() {
 }
 
 #[test]
-fn guest_that_moved_nothing_leaves_motion_of_owner() {
+fn guest_without_motion_leaves_that_of_owner() {
     let end = station();
     let mut owner = start(&end);
     owner.set_access(Access::Open).expect("opening never fails");

@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn station_that_restarts_has_no_earlier_positions() {
+    fn restarted_station_has_no_earlier_positions() {
         assert_eq!(
             positions(&[(9_000, 80), (100, 0)]).at(5_000),
             Some([0.0; 3])
