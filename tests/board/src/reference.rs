@@ -7,10 +7,10 @@
 
 use crate::station::{Sent, Station};
 use crate::time::{Beats, MS, US};
-use crate::wiring::{STEPPER_MASK, STEPPERS};
-use trinocular_core::frame::message::{Command, Report};
+use crate::wiring::{CAMERA_PIN, STEPPER_MASK, STEPPERS};
+use trinocular_core::frame::message::{Command, Report, Triggered};
 use trinocular_core::frame::receive::Receiver;
-use trinocular_core::machine::{Board, TICK_US};
+use trinocular_core::machine::{Board, SEGMENT_US, TICK_US};
 use trinocular_core::replay::{Entry, Event, Log, Replay, Station as Machine, Trace, Writer};
 use trinocular_core::steps::WordRate;
 use trinocular_core::time::Instant;
@@ -64,10 +64,18 @@ fn effect_us(reports: &[(Beats, Report)], sent: &Sent) -> Option<(u64, u64)> {
             }
             (Report::Answer { tick, .. }, _) => said_us = u64::from(*tick) * TICK_US + 1,
             (Report::Status(status), _) => said_us = status.time.micros() + 1,
+            (Report::Triggered(triggered), _) => said_us = trigger_tick_us(triggered) + 1,
             _ => {}
         }
     }
     None
+}
+
+/// Returns the moment of the control tick that reports a trigger: the first one by which the step
+/// engine has certainly played it.
+fn trigger_tick_us(triggered: &Triggered) -> u64 {
+    let certain_us = triggered.instant.micros() + 2 * SEGMENT_US;
+    certain_us.next_multiple_of(TICK_US)
 }
 
 /// Runs the twin with the board's inputs, up to `end_us` of the station's clock.
@@ -86,6 +94,7 @@ fn expected(station: &mut Station, end_us: u64) -> Expected {
         session: hello.session,
         reset_cause: hello.reset_cause,
         last_run: *last_run,
+        camera_pin: Some(CAMERA_PIN),
     };
     let delay_us = hello.delay_us;
     let log = log(station, end_us);
@@ -94,6 +103,7 @@ fn expected(station: &mut Station, end_us: u64) -> Expected {
     let mut trace = Trace::new(STEPPERS);
     let mut words = [0; 2 * WordRate::MHZ_1.slots_per_segment() as usize];
     let mut expected = Expected::default();
+    let mut before = 0;
     let mut receiver = Receiver::<Report>::default();
     while let Some((at, event)) = replay.step(&mut words).expect("a whole log") {
         match event {
@@ -106,7 +116,12 @@ fn expected(station: &mut Station, end_us: u64) -> Expected {
                 let first = at.micros() + u64::from(delay_us);
                 trace.digest(&plan, &words[..filled], |edge| {
                     let at = first + u64::from(edge.word);
-                    expected.edges.push((at, edge.pins & STEPPER_MASK));
+                    let levels = edge.pins & STEPPER_MASK;
+                    // The camera pin changes without them.
+                    if levels != before {
+                        expected.edges.push((at, levels));
+                    }
+                    before = levels;
                 });
             }
             Event::Refused(fault) => panic!("at {at:?}: {fault}"),
