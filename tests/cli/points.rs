@@ -62,6 +62,7 @@ fn desk_of(case: &Value) -> Desk {
             rig,
             stage,
             pivot: None,
+            trigger: None,
         }
         .to_toml(),
     );
@@ -267,6 +268,7 @@ fn two_cameras_need_midpoint() {
         },
         stage: None,
         pivot: None,
+        trigger: None,
     };
     desk.write("rig.toml", two.to_toml());
     let text = desk.read("points.csv");

@@ -15,6 +15,8 @@
 //! rotation_deg = [0.0, 0.0, 0.0]        # about the rig's x, y, z; optional, default 0
 //!
 //! [stage]                               # optional; see `Stage`
+//!
+//! [trigger]                             # optional; see `Trigger`
 //! ```
 //!
 //! The rotation (axis times angle, OpenCV's rotation vector in degrees) takes directions along the
@@ -22,8 +24,8 @@
 //! need not be exactly parallel.
 //!
 //! Unknown, missing and impossible fields are refused with file, line and name of the field. Only
-//! distortion, rotations, pivot and the fields of [`Care`] have defaults, because a stage with a guessed
-//! rig may run away.
+//! distortion, rotations, pivot, the trigger's polarity and exposure, and the fields of [`Care`]
+//! have defaults, because a stage with a guessed rig may run away.
 //!
 //! *Invariant:* a `RigFile` from [`RigFile::read`] or [`RigFile::parse`] obeys every rule stated on
 //! its fields, and cameras named left, middle and right stand in this order.
@@ -48,10 +50,12 @@ mod lens;
 mod pivot;
 mod stage;
 pub mod template;
+mod trigger;
 
 pub use care::{Care, HomeSwitch};
 pub use lens::{NOT_A_LENS, can_undistort, focal_fault};
 pub use stage::{Driver, Stage, along_stage};
+pub use trigger::Trigger;
 
 /// Names of the paper's three cameras, in the order its estimators need.
 pub const TRINOCULAR: [&str; 3] = ["left", "middle", "right"];
@@ -114,6 +118,8 @@ pub struct RigFile {
     pub stage: Option<Stage>,
     /// Pivot of a target whose rotation is estimated; `None` if a target that turns is refused.
     pub pivot: Option<Pivot>,
+    /// Triggers of the cameras, if the station gives them.
+    pub trigger: Option<Trigger>,
 }
 
 impl RigFile {
@@ -124,6 +130,7 @@ impl RigFile {
             rig: Rig::paper(),
             stage: None,
             pivot: None,
+            trigger: None,
         }
     }
 
@@ -179,7 +186,14 @@ impl RigFile {
         let table = DeTable::parse(text).map_err(|error| source.syntax(&error))?;
         let value = DeValue::Table(table.into_inner());
         let root = Field::root(source, &value);
-        root.only(&["image_size_px", "rotation", "pivot", "camera", "stage"])?;
+        root.only(&[
+            "image_size_px",
+            "rotation",
+            "pivot",
+            "camera",
+            "stage",
+            "trigger",
+        ])?;
         root.require(&[
             ("image_size_px", "image_size_px = [640, 480]"),
             ("camera", "[[camera]]"),
@@ -192,6 +206,10 @@ impl RigFile {
             Some(section) => Some(Stage::read(&section)?),
             None => None,
         };
+        let trigger = match root.optional("trigger")? {
+            Some(section) => Some(Trigger::read(&section)?),
+            None => None,
+        };
         Ok(Self {
             names,
             rig: Rig {
@@ -201,6 +219,7 @@ impl RigFile {
             },
             stage,
             pivot: pivot::read(&root)?,
+            trigger,
         })
     }
 
@@ -223,6 +242,9 @@ impl RigFile {
         }
         if let Some(stage) = &self.stage {
             stage.write_toml(&mut text);
+        }
+        if let Some(trigger) = &self.trigger {
+            trigger.write_toml(&mut text);
         }
         text
     }

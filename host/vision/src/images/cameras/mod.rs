@@ -22,3 +22,4 @@ pub mod matching;
 pub mod numbers;
 pub mod stamp;
 pub mod stream;
+pub mod triggers;
