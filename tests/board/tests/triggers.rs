@@ -192,7 +192,7 @@ fn check_all_but_cut(station: &mut Station) {
     for report in triggered(station) {
         let due = zero + report.instant.micros() * US;
         let begun = |change: &(Beats, bool)| change.1 && (due..due + US).contains(&change.0);
-        assert!(changes.iter().any(|change| begun(change)), "{report:?}");
+        assert!(changes.iter().any(begun), "{report:?}");
     }
 }
 
@@ -209,7 +209,7 @@ fn no_trigger_before_command_or_after_off() {
     trigger(&mut station, Trigger::OFF);
     station.run(5 * MS);
     let count = changes(&mut station).len();
-    assert!(count > 30 && count % 2 == 0, "{count}");
+    assert!(count > 30 && count.is_multiple_of(2), "{count}");
     station.run(50 * MS);
     assert_eq!(changes(&mut station).len(), count);
 }
