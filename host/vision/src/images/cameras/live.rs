@@ -175,7 +175,8 @@ impl LiveCameras {
             false => started.checked_add(delay),
         };
         let zero = zero.unwrap_or(started);
-        Self::start_with(cameras, window, stop, tell, |_| TimeSource::Stamps { zero })
+        let source = |_| TimeSource::Stamps { zero };
+        Self::start_with(started, cameras, window, stop, tell, source)
     }
 
     /// Starts cameras that a station triggers, as [`LiveCameras::start`] does. The capture time of
@@ -193,17 +194,18 @@ impl LiveCameras {
     ) -> Result<Self, InputError> {
         // Images of one trigger have the same time.
         let window = Duration::ZERO;
-        let mut live =
-            Self::start_with(cameras, window, stop, tell, |path| TimeSource::Triggers {
-                path,
-                triggers: Arc::clone(triggers),
-                count: Count::default(),
-            })?;
+        let source = |path| TimeSource::Triggers {
+            path,
+            triggers: Arc::clone(triggers),
+            count: Count::default(),
+        };
+        let mut live = Self::start_with(Instant::now(), cameras, window, stop, tell, source)?;
         live.tell_anomaly = Box::new(tell_anomaly);
         Ok(live)
     }
 
     fn start_with<C: Camera>(
+        started: Instant,
         cameras: Vec<C>,
         window: Duration,
         stop: Arc<AtomicBool>,
@@ -211,7 +213,6 @@ impl LiveCameras {
         source: impl Fn(PathBuf) -> TimeSource,
     ) -> Result<Self, InputError> {
         let count = cameras.len();
-        let started = Instant::now();
         let shared = Arc::new(Shared {
             state: Mutex::new(State {
                 matching: Matching::new(count, micros(window)),
