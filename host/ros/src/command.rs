@@ -54,7 +54,7 @@ pub enum CommandFault {
     /// A goal is in another frame.
     #[error("its frame_id is {0:?}; must be \"{FRAME}\", along the axes of the stage")]
     Frame(String),
-    /// A component of a goal is no number, or too large.
+    /// A component of a goal is NaN or too large.
     #[error("its {axis} is {value}; must be a number of metres from -{FARTHEST_M} to {FARTHEST_M}")]
     Position {
         /// Name of the component.
