@@ -265,6 +265,57 @@ fn shortened_jog_is_named_on_the_page() {
     page.state(has_note(&["x was shortened to 0.0000 mm of 1 mm"]));
 }
 
+/// A place is absolute: the stage goes there from wherever it stands, or not at all.
+#[test]
+fn stage_goes_to_places_within_its_travel() {
+    let go = |position_um: [i32; 3]| json!({"go": {"position_um": position_um}});
+    let lab = Lab::start(TargetPath::Still);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    for (position_um, steps) in [
+        ([1_000, -500, 0], [80, -40, 0]),
+        ([1_000, -500, 0], [80, -40, 0]),
+        ([250, 0, 125], [20, 0, 10]),
+    ] {
+        let end = Instant::now() + PATIENCE;
+        // The page hears a moment later that the stage stands.
+        while page.ask(&go(position_um)).is_some() {
+            assert!(Instant::now() < end, "the stage does not come to rest");
+        }
+        while lab.twin.steps() != steps {
+            assert!(Instant::now() < end, "{:?}", lab.twin.steps());
+            page.state(|_| true);
+        }
+    }
+    page.state(is_in("idle"));
+    let refusal = page.ask(&go([0, 60_001, 0])).expect("it is refused");
+    assert!(
+        refusal.contains("y = 60.001 mm is outside the soft limits"),
+        "{refusal}"
+    );
+    let refusal = page.ask(&go([0, i32::MIN, 0])).expect("it is refused");
+    assert!(refusal.contains("at most 2000 mm"), "{refusal}");
+    assert_eq!(lab.twin.steps(), [20, 0, 10]);
+    // An emergency stop in motion may lose steps.
+    assert_eq!(page.ask(&go([50_000, 0, 0])), None);
+    lab.wait_for_steps([20, 0, 10]);
+    lab.twin.set_switches(Switches {
+        emergency_stop: true,
+        ..Switches::default()
+    });
+    page.state(has_note(&["fault 1"]));
+    lab.twin.set_switches(Switches::default());
+    assert_eq!(page.ask(&json!({"reset": {}})), None);
+    page.state(is_in("idle"));
+    let steps = lab.twin.steps();
+    let refusal = page.ask(&go([0; 3])).expect("it is refused");
+    assert!(
+        refusal.contains("does not know where the stage is"),
+        "{refusal}"
+    );
+    assert_eq!(lab.twin.steps(), steps);
+}
+
 #[test]
 fn fault_while_nothing_is_followed_is_noted() {
     let lab = Lab::start(TargetPath::Still);

@@ -60,6 +60,7 @@ mod twin;
 mod verify;
 mod version;
 mod warnings;
+mod zenoh;
 mod zero;
 
 /// Visual servo for three-dimensional motion: parallel cameras watch a target, a stage follows it.

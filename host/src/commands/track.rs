@@ -9,7 +9,6 @@ mod recorded;
 mod report;
 mod row;
 mod simulated;
-mod zenoh;
 
 use super::folder_input::PairOption;
 use super::frames::{RecordingInput, rig_missing};
@@ -19,6 +18,7 @@ use super::record::{Origin, RecordOption, Recording};
 use super::region::RegionOption;
 use super::scene::SceneOptions;
 use super::turning::TurningOptions;
+use super::zenoh::ZenohOption;
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use std::cell::Cell;
@@ -200,7 +200,7 @@ pub struct TrackOptions {
     report: report::TrackReport,
 
     #[command(flatten)]
-    zenoh: zenoh::ZenohOption,
+    zenoh: ZenohOption,
 
     #[command(flatten, next_help_heading = "With --images, --watch and --cameras")]
     region: RegionOption,
@@ -248,7 +248,7 @@ impl TrackOptions {
             true => Pace::Real,
             false => Pace::Virtual,
         };
-        self.zenoh.begin(&rig.names, pace)?;
+        self.zenoh.begin(&rig.names, pace, None)?;
         opened.start(&origin)
     }
 

@@ -19,6 +19,7 @@ use super::ServoError;
 use super::live::LiveObserver;
 use super::observer::ServoObserver;
 use super::page_recording::PageRecording;
+use super::recording::{FrameSetTaker, Takers, observers_of};
 use super::station_link::{FrameRefusal, StationLink};
 use super::visual_servo::{ServoOutcome, VisualServo};
 use desk::Request;
@@ -92,6 +93,8 @@ pub struct Workbench<B> {
     starting: Option<Reply>,
     reset: Option<Reset>,
     recording: PageRecording,
+    /// Other takers of what is followed.
+    takers: Takers,
     /// Images of the keyframe, while the target is followed.
     keyframe: Option<FrameSet>,
 }
@@ -131,6 +134,7 @@ impl<B: Bench> Workbench<B> {
             starting: None,
             reset: None,
             recording,
+            takers: Takers::new(),
             keyframe: None,
         };
         bench.share();
@@ -149,6 +153,11 @@ impl<B: Bench> Workbench<B> {
     /// turns, from the next start on.
     pub fn set_pivot(&mut self, pivot: Option<Pivot>) {
         self.pivot = pivot;
+    }
+
+    /// Passes what is followed to another taker, from the next start on.
+    pub fn pass_to(&mut self, taker: Arc<dyn FrameSetTaker>) {
+        self.takers.push(taker);
     }
 
     /// Starts to follow with the next images, without a request.
@@ -350,9 +359,10 @@ impl<B: Bench> Workbench<B> {
         }
     }
 
-    /// Makes the observers of the loop: the pages, and the recording if there is one.
+    /// Makes the observers of the loop: the pages, the recording if there is one, and the takers.
     fn observers(&self) -> Vec<Box<dyn ServoObserver>> {
         let mut observers = self.recording.observers(&self.rig);
+        observers.extend(observers_of(self.takers.iter().cloned(), &self.rig));
         observers.push(Box::new(LiveObserver::new(Arc::clone(&self.hub))));
         observers
     }

@@ -7,16 +7,33 @@ use std::time::Instant as HostInstant;
 use trinocular_client::shortened::shortened;
 use trinocular_client::{StationError, diagnosis};
 use trinocular_core::frame::message::{Command, Denial, Status};
-use trinocular_core::safety::State;
+use trinocular_core::safety::{State, Trust};
 use trinocular_live::controls::{Action, Reply};
+use trinocular_rig::rig_file::Stage;
 
-/// Refusal of a jog in motion.
+/// Refusal of a motion while another is under way.
 const STILL_MOVES: &str =
-    "the stage still moves: wait until it stands, or stop it; this jog was not done";
+    "the stage still moves: wait until it stands, or stop it; this motion was not done";
 
 /// Refusal of a request that the run did not come to in time.
 const STALE: &str = "the run came to this too late, so it was not done: see what the stage does, \
                      and send it again";
+
+/// Returns a refusal if a position is outside the soft limits.
+fn beyond(stage: &Stage, position_um: [i32; 3]) -> Option<String> {
+    (0..3).find_map(|axis| {
+        let mm = f64::from(position_um[axis]) / 1e3;
+        let [least, greatest] = stage.travel_mm[axis];
+        let is_within = (least..=greatest).contains(&mm);
+        let name = ['x', 'y', 'z'][axis];
+        (!is_within).then(|| {
+            format!(
+                "{name} = {mm} mm is outside the soft limits: travel_mm of the rig file is {least} \
+                 to {greatest} mm"
+            )
+        })
+    })
+}
 
 impl<B: Bench> Workbench<B> {
     /// Does what a page asks for, and answers it.
@@ -75,11 +92,16 @@ impl<B: Bench> Workbench<B> {
                 return Ok(stopped);
             }
             Action::Record { on } => return Ok(self.record(on)),
-            Action::Jog { .. } | Action::Zero {} | Action::Home {} if self.servo.is_some() => {
+            Action::Jog { .. } | Action::Go { .. } | Action::Zero {} | Action::Home {}
+                if self.servo.is_some() =>
+            {
                 return Ok(self.refuse("end following first"));
             }
-            Action::Jog { .. } if self.is_moving() => return Ok(self.refuse(STILL_MOVES)),
+            Action::Jog { .. } | Action::Go { .. } if self.is_moving() => {
+                return Ok(self.refuse(STILL_MOVES));
+            }
             Action::Jog { distance_um } => return self.jog(distance_um),
+            Action::Go { position_um } => return self.go(position_um),
             Action::Zero {} => {
                 let outcome = self.drive("zero", Command::Zero)?;
                 if outcome.is_ok() {
@@ -111,6 +133,31 @@ impl<B: Bench> Workbench<B> {
             }
         }
         Ok(outcome)
+    }
+
+    /// Moves the stage to a position along its axes, which must lie within the soft limits.
+    fn go(&mut self, position_um: [i32; 3]) -> Result<Outcome, ServoError> {
+        let fresh = self.fresh_status();
+        let Some(status) = fresh.or_else(|| self.bench.station().status()) else {
+            return Ok(self.refuse("the station has not said yet where the stage is"));
+        };
+        if status.trust != Trust::Homed {
+            return Ok(
+                self.refuse("the station does not know where the stage is: zero or home it first")
+            );
+        }
+        if let Some(refusal) = beyond(&self.stage, position_um) {
+            return Ok(self.refuse(&refusal));
+        }
+        let scale = self.stage.steps_per_mm;
+        let distance_um = core::array::from_fn(|axis| {
+            let at_um = f64::from(status.position_steps[axis]) / scale[axis] * 1e3;
+            (f64::from(position_um[axis]) - at_um).round() as i32
+        });
+        match distance_um {
+            [0, 0, 0] => Ok(Ok(())),
+            distance_um => self.jog(distance_um),
+        }
     }
 
     fn refuse(&self, reason: &str) -> Outcome {
