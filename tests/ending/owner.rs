@@ -1,7 +1,7 @@
-//! `trinocular stop` while another program has the port.
+//! Commands while another program has the port.
 
 use super::{Desk, RUNS, alone, ended, moving, stands_stopped};
-use trinocular_tests::binary::signal;
+use trinocular_tests::binary::{interrupt, signal};
 use trinocular_tests::far_end::station;
 
 #[test]
@@ -38,4 +38,27 @@ fn stop_after_owner_left_succeeds() {
     let (code, err) = ended(desk.start(&end, "stop"));
     assert_eq!(code, Some(0), "{err}");
     stands_stopped(&end);
+}
+
+#[test]
+fn suspended_owner_is_named_to_guests() {
+    let _alone = alone();
+    let desk = Desk::new();
+    let end = station();
+    let first = desk.start(&end, RUNS[0]);
+    moving(&end);
+    signal(&first, "STOP");
+    let pid = format!("process {}", first.id());
+    for guest in ["status", "jog x=1", "motors on"] {
+        let (code, err) = ended(desk.start(&end, guest));
+        assert_eq!(code, Some(3), "{guest}: {err}");
+        for part in [pid.as_str(), "does not answer", "may be suspended", "fg"] {
+            assert!(err.contains(part), "{guest}: `{part}` is not in: {err}");
+        }
+    }
+    // It still has the port.
+    signal(&first, "CONT");
+    interrupt(&first);
+    assert_eq!(ended(first).0, Some(3));
+    end.standing();
 }

@@ -139,6 +139,14 @@ pub enum StationError {
     },
     /// The line broke, and no station has answered on it since.
     #[error(
+    /// Another program has the serial port and does not let this one in or refuse it.
+    #[error("{path}: {}", silent_owner(.holder.as_ref()))]
+    OwnerSilent {
+        /// Path of the port.
+        path: String,
+        /// Program that has the port, if the system reports it.
+        holder: Option<serial::Holder>,
+    },
         "{path}: the line is lost: {reason}; the station stops by itself when it hears no host"
     )]
     Lost {
@@ -218,6 +226,7 @@ impl StationError {
             | Self::Busy { path, .. }
             | Self::Lost { path, .. }
             | Self::Interrupted { path, .. }
+            | Self::OwnerSilent { path, .. }
             | Self::Restarted { path, .. } => Some(path),
             Self::Silent { .. }
             | Self::Unanswered { .. }
@@ -271,6 +280,18 @@ fn in_use(holder: Option<&serial::Holder>) -> String {
 
 /// Returns the counts of rejected packets in words.
 ///
+fn silent_owner(holder: Option<&serial::Holder>) -> String {
+    match holder {
+        Some(serial::Holder { pid, command }) => format!(
+            "process {pid} (`{command}`) has the port and does not answer; it may be suspended: \
+             continue it (`fg` in its terminal, or `kill -CONT {pid}`) or end it (`kill -9 {pid}`)"
+        ),
+        None => "a program that has the port does not answer; it may be suspended: continue it \
+                 (`fg` in its terminal) or end it"
+            .to_owned(),
+    }
+}
+
 /// ```
 /// use trinocular_core::frame::receive::Rejects;
 ///

@@ -13,6 +13,7 @@
 
 mod busy;
 mod connecting;
+mod holder;
 mod line;
 mod port;
 mod repetition;
@@ -21,7 +22,9 @@ mod sharing;
 mod stop;
 mod terminal;
 
-pub use busy::{Holder, OtherHost, end_other_host};
+pub(crate) use busy::owner_of;
+pub use busy::{OtherHost, end_other_host};
+pub use holder::Holder;
 pub(crate) use port::TCP;
 pub use sharing::Access;
 pub use stop::{Ending, Stopper, ending};

@@ -9,7 +9,7 @@
 
 use super::Line;
 use crate::StationError;
-use crate::serial::busy::Holder;
+use crate::serial::holder::Holder;
 use crate::serial::port::{self, Halves};
 use crate::serial::terminal::Terminal;
 use std::time::{Duration, Instant};
@@ -20,6 +20,10 @@ use trinocular_core::safety::State;
 const SILENCE: Duration = Duration::from_secs(2);
 
 /// Period at which a lost port is opened again and hello repeated.
+/// Silence after which an owner counts as lost: less than the station's, so that the error names
+/// the owner.
+const OWNER_SILENCE: Duration = Duration::from_millis(1_500);
+
 const RETRY: Duration = Duration::from_millis(250);
 
 /// Reason why a lost pseudo-terminal is given up.
@@ -61,8 +65,15 @@ impl Line {
             return self.go_down("the station restarted".to_owned());
         }
         let is_pinged = self.pings && self.interruption.is_none();
-        if is_pinged && self.heard.elapsed() > SILENCE {
-            let reason = format!("no answer for {} s", SILENCE.as_secs());
+        let silence = match &self.owner {
+            Some(_) => OWNER_SILENCE,
+            None => SILENCE,
+        };
+        if is_pinged && self.heard.elapsed() > silence {
+            let reason = match &self.owner {
+                Some(owner) => crate::silent_owner(Some(owner)),
+                None => format!("no answer for {} s", SILENCE.as_secs()),
+            };
             // A silent pseudo-terminal is kept open, because its name may not be opened again. A
             // silent owner may go on; only one that closes the connection is lost.
             match (&self.terminal, &self.owner) {
