@@ -152,16 +152,16 @@ pub fn run(options: &JogOptions, out: &mut impl Write) -> Result<(), Failure> {
     let allowance = stage.as_ref().map_or(Allowance::UNKNOWN, |stage| {
         Allowance::of_distance(stage, distance_um.map(|um| f64::from(um) * 1e-3))
     });
-    let (end, stopping) = hand.wait_for_rest(allowance, watch)?;
+    let rest = hand.wait_for_rest(allowance, watch)?;
     drop(progress);
     let jog = Jog {
         distance_um,
         before,
-        end,
+        end: rest.status,
         stage: stage.as_ref(),
     };
     jog.tell(options, out)?;
-    why_it_stands(&hand, &end, stopping)?;
+    why_it_stands(&hand, rest)?;
     jog.warn();
     Ok(())
 }
