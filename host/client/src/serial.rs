@@ -13,6 +13,7 @@
 
 mod busy;
 mod connecting;
+mod deed;
 mod holder;
 mod line;
 mod port;
@@ -24,6 +25,7 @@ mod terminal;
 
 pub(crate) use busy::owner_of;
 pub use busy::{OtherHost, end_other_host};
+pub use deed::{Deed, in_words};
 pub use holder::Holder;
 pub(crate) use port::TCP;
 pub use sharing::Access;

@@ -41,6 +41,8 @@ pub enum Action {
     Zero {},
     /// Finds the home switches.
     Home {},
+    /// Switches the motors on.
+    MotorsOn {},
     /// Starts or ends a recording.
     Record {
         /// True starts.
@@ -83,7 +85,7 @@ impl Action {
 pub struct Offers {
     /// Stop.
     pub stop: bool,
-    /// Follow, jog, zero and reset: the run owns the station.
+    /// Follow, jog, zero, motors on and reset: the run owns the station.
     pub motion: bool,
     /// Home: an axis has a home switch.
     pub home: bool,

@@ -180,6 +180,7 @@ impl<B: Bench> Workbench<B> {
                 self.act(request)?;
             }
             self.try_reset()?;
+            self.tell_deeds();
             self.recording.check(&self.hub, self.bench.station());
             match self.bench.next_shot() {
                 Ok(None) => break,
@@ -189,6 +190,20 @@ impl<B: Bench> Workbench<B> {
             }
         }
         Ok(())
+    }
+
+    /// Tells the pages and the recording what other programs have done at the station.
+    fn tell_deeds(&mut self) {
+        let deeds = self
+            .bench
+            .station()
+            .serial()
+            .map(|serial| serial.take_deeds());
+        for deed in deeds.into_iter().flatten() {
+            let text = deed.to_string();
+            self.recording.event("guest", &text);
+            self.hub.note(text);
+        }
     }
 
     /// Follows the target into the images, or only shows them.
@@ -256,6 +271,7 @@ impl<B: Bench> Workbench<B> {
                 }
                 self.cancel_reset(&reason);
                 self.end_following(reason.clone());
+                self.recording.event("stop", &reason);
                 // The station itself stays stopped until a reset.
                 if let Some(serial) = self.bench.station().serial_mut() {
                     serial.forgive_stop();

@@ -1,9 +1,10 @@
 //! Actions that pages ask for, and their outcomes.
 
 use super::super::ServoError;
-use super::desk::Request;
+use super::desk::{PAGE, Request};
 use super::{Bench, Outcome, REST_PATIENCE, Reset, Workbench};
 use std::time::Instant as HostInstant;
+use trinocular_client::serial::in_words;
 use trinocular_client::shortened::shortened;
 use trinocular_client::{StationError, diagnosis};
 use trinocular_core::frame::message::{Command, Denial, Status};
@@ -41,9 +42,38 @@ impl<B: Bench> Workbench<B> {
                 self.recording.event("mark", &text);
                 self.hub.mark(text);
             }
-            action => reply.send(self.perform(action)?),
+            action => {
+                let words = self.in_words(&action);
+                let outcome = self.perform(action)?;
+                if let (Ok(()), Some(words)) = (&outcome, words) {
+                    self.record_deed(&words);
+                }
+                reply.send(outcome);
+            }
         }
         Ok(())
+    }
+
+    /// Returns the command that a page asks for, in words, for a recording.
+    fn in_words(&self, action: &Action) -> Option<String> {
+        let command = match *action {
+            Action::Jog { distance_um } => Command::Jog { distance_um },
+            Action::Zero {} => Command::Zero,
+            Action::Home {} => self.homing(),
+            Action::MotorsOn {} => Command::Motors { on: true },
+            _ => return None,
+        };
+        in_words(&command)
+    }
+
+    fn homing(&self) -> Command {
+        let axes = self.stage.care.home.map(|home| home.is_some());
+        Command::Home { axes }
+    }
+
+    /// Notes in the recording what this program's page has done.
+    fn record_deed(&self, what: &str) {
+        self.recording.event("page", &format!("{what}, by {PAGE}"));
     }
 
     fn begin_reset(&mut self, reply: Option<Reply>) {
@@ -75,7 +105,9 @@ impl<B: Bench> Workbench<B> {
                 return Ok(stopped);
             }
             Action::Record { on } => return Ok(self.record(on)),
-            Action::Jog { .. } | Action::Zero {} | Action::Home {} if self.servo.is_some() => {
+            Action::Jog { .. } | Action::Zero {} | Action::Home {} | Action::MotorsOn {}
+                if self.servo.is_some() =>
+            {
                 return Ok(self.refuse("end following first"));
             }
             Action::Jog { .. } if self.is_moving() => return Ok(self.refuse(STILL_MOVES)),
@@ -87,10 +119,8 @@ impl<B: Bench> Workbench<B> {
                 }
                 return Ok(outcome);
             }
-            Action::Home {} => {
-                let axes = self.stage.care.home.map(|home| home.is_some());
-                return self.drive("home", Command::Home { axes });
-            }
+            Action::Home {} => return self.drive("home", self.homing()),
+            Action::MotorsOn {} => return self.drive("motors", Command::Motors { on: true }),
             // Following is as it should be already; the others have their own ways.
             Action::Follow { .. } | Action::Reset {} | Action::Mark { .. } => {}
         }
@@ -185,7 +215,10 @@ impl<B: Bench> Workbench<B> {
         };
         let reply = self.reset.take().and_then(|reset| reset.reply);
         let outcome = match outcome {
-            Ok(()) => Ok(()),
+            Ok(()) => {
+                self.record_deed("reset");
+                Ok(())
+            }
             Err(error @ StationError::Denied { denial, .. }) => Err(self.refused(&error, denial)),
             Err(error) => {
                 let reason = error.to_string();

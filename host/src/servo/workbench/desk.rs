@@ -8,7 +8,7 @@ use trinocular_live::Controls;
 use trinocular_live::controls::{Action, Offers, Reply};
 
 /// Name of the page in messages.
-const PAGE: &str = "the live page";
+pub(super) const PAGE: &str = "the live page";
 
 /// Age from which on a request other than a stop is not done any more: the user has seen no effect,
 /// and may have done something else since.
