@@ -269,6 +269,22 @@ fn deeds_of_other_program_are_noted() {
     page.state(|state| state["station"]["motors"] == true);
 }
 
+/// A step of the page's stage is 0.0125 mm.
+#[test]
+fn jog_below_a_step_is_refused_by_name() {
+    let lab = Lab::start(TargetPath::Still);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    let refusal = page.ask(&jog([500, -6, 0])).expect("it is refused");
+    for part in ["y=-0.006", "less than half a step", "0.0125 mm"] {
+        assert!(refusal.contains(part), "{refusal}");
+    }
+    assert_eq!(lab.twin.steps(), [0; 3]);
+    assert_eq!(page.ask(&jog([0, -7, 0])), None);
+    lab.wait_for_steps([0; 3]);
+    assert_eq!(lab.twin.steps(), [0, -1, 0]);
+}
+
 /// Returns true if a note of the page contains all of `parts`.
 fn has_note(parts: &[&str]) -> impl Fn(&Value) -> bool {
     let parts: Vec<String> = parts.iter().map(|part| (*part).to_owned()).collect();

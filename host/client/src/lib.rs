@@ -9,9 +9,11 @@
 //! of its numbers can be true, [`diagnosis`] says what its states and faults mean. [`rest`] waits for
 //! the end of a motion, at most as long as its [`allowance`]. [`observer`] sees every byte on the
 //! line; [`tape`] records a twin's life for comparison. [`stage`] turns the rig file's stage into a
-//! configuration, [`shortened`] says where its soft limits shorten a jog.
+//! configuration, [`shortened`] says where its soft limits shorten a jog,
+//! [`below_step`] refuses one that is too short.
 
 pub mod allowance;
+pub mod below_step;
 pub mod bound;
 pub mod clock;
 pub mod conversation;
@@ -137,8 +139,6 @@ pub enum StationError {
         /// Program that has the port, if the system reports it.
         holder: Option<serial::Holder>,
     },
-    /// The line broke, and no station has answered on it since.
-    #[error(
     /// Another program has the serial port and does not let this one in or refuse it.
     #[error("{path}: {}", silent_owner(.holder.as_ref()))]
     OwnerSilent {
@@ -147,6 +147,8 @@ pub enum StationError {
         /// Program that has the port, if the system reports it.
         holder: Option<serial::Holder>,
     },
+    /// The line broke, and no station has answered on it since.
+    #[error(
         "{path}: the line is lost: {reason}; the station stops by itself when it hears no host"
     )]
     Lost {
@@ -224,9 +226,9 @@ impl StationError {
         match self {
             Self::Port { path, .. }
             | Self::Busy { path, .. }
+            | Self::OwnerSilent { path, .. }
             | Self::Lost { path, .. }
             | Self::Interrupted { path, .. }
-            | Self::OwnerSilent { path, .. }
             | Self::Restarted { path, .. } => Some(path),
             Self::Silent { .. }
             | Self::Unanswered { .. }
@@ -278,8 +280,6 @@ fn in_use(holder: Option<&serial::Holder>) -> String {
     }
 }
 
-/// Returns the counts of rejected packets in words.
-///
 fn silent_owner(holder: Option<&serial::Holder>) -> String {
     match holder {
         Some(serial::Holder { pid, command }) => format!(
@@ -292,6 +292,8 @@ fn silent_owner(holder: Option<&serial::Holder>) -> String {
     }
 }
 
+/// Returns the counts of rejected packets in words.
+///
 /// ```
 /// use trinocular_core::frame::receive::Rejects;
 ///

@@ -4,6 +4,7 @@ use super::super::ServoError;
 use super::desk::{PAGE, Request};
 use super::{Bench, Outcome, REST_PATIENCE, Reset, Workbench};
 use std::time::Instant as HostInstant;
+use trinocular_client::below_step::check_steps;
 use trinocular_client::serial::in_words;
 use trinocular_client::shortened::shortened;
 use trinocular_client::{StationError, diagnosis};
@@ -129,6 +130,9 @@ impl<B: Bench> Workbench<B> {
 
     /// Moves the stage by a distance; warns if soft limits shorten it.
     fn jog(&mut self, distance_um: [i32; 3]) -> Result<Outcome, ServoError> {
+        if let Err(below) = check_steps(&self.stage, distance_um) {
+            return Ok(self.refuse(&below.to_string()));
+        }
         let before = self.fresh_status();
         let outcome = self.drive("jog", Command::Jog { distance_um })?;
         if outcome.is_ok()
