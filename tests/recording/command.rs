@@ -264,3 +264,23 @@ fn recording_without_images_replays_the_station() {
     assert_eq!(png["not_measured"], 0);
     assert_eq!(png["segments"], none["segments"]);
 }
+
+/// A file that ends before its first frame set: what it holds, and what is missing.
+#[test]
+fn cut_before_first_frame_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let record = ["track", "--sim", "--seconds", "1", "--record", "run.mcap"];
+    assert_eq!(run(folder, &record).code, Some(0));
+    let bytes = fs::read(folder.join("run.mcap")).unwrap();
+    // The first chunk is not whole here.
+    fs::write(folder.join("cut.mcap"), &bytes[..bytes.len().min(20_000)]).unwrap();
+    let export = ["export", "cut.mcap", "--csv", "cut.csv"];
+    let outcome = run(folder, &export);
+    outcome.failed(
+        1,
+        &["cut.mcap: holds no measurement and no other message: it is cut off at"],
+    );
+    assert!(!outcome.stderr.contains("only recordings of this program"));
+    assert!(!folder.join("cut.csv").exists());
+}
