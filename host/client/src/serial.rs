@@ -113,7 +113,7 @@ pub struct Serial {
     shared: Arc<Shared>,
     sender: Arc<Sender>,
     threads: Vec<JoinHandle<()>>,
-    cleared: Option<Fault>,
+    found: Option<Status>,
     is_zeroed: bool,
     /// True if the station ends with this program: then it needs no advice for later.
     ends_with_station: bool,
@@ -162,7 +162,13 @@ impl Serial {
 
     /// Returns the fault that was latched before [`Serial::start`] and cleared by it.
     pub fn cleared(&self) -> Option<Fault> {
-        self.cleared
+        self.found.and_then(|status| status.fault)
+    }
+
+    /// Returns the status at rest before [`Serial::start`], which has made the present position
+    /// zero.
+    pub fn found(&self) -> Option<Status> {
+        self.found
     }
 
     /// Waits until `got` returns a value from the client, at most until `end`; on a lost line,
