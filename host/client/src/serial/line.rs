@@ -280,7 +280,10 @@ impl Line {
                     self.client.feed(now_us, &buffer[..count]);
                 }
                 Err(cause) if is_pause(&cause) => return,
-                Err(cause) => return self.lose(format!("cannot read: {cause}")),
+                Err(cause) => {
+                    let reason = port.loss("read", &cause);
+                    return self.lose(reason);
+                }
             }
         }
     }
