@@ -101,7 +101,7 @@ pub struct Row {
     pub points: usize,
     /// Number of points left out.
     pub rejected: u64,
-    /// Position of the stage after the answer, mm.
+    /// Position of the stage at the capture, mm.
     pub stage_mm: [f64; 3],
     /// Time from the capture to the first step that it could change, µs.
     pub latency_us: u32,
