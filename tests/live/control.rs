@@ -229,7 +229,7 @@ fn jog_in_motion_is_refused_by_name() {
     assert_eq!(lab.twin.steps(), [400, 0, 0]);
 }
 
-/// What another program does at the station through this one stands among the page's events.
+/// Commands of another program, through this one, stand among the page's events.
 #[test]
 fn deeds_of_other_program_are_noted() {
     let lab = Lab::start(TargetPath::Still);

@@ -160,7 +160,7 @@ fn failed_write_ends_recording_on_page() {
     assert_eq!(served.0.wait().expect("it ends").code(), Some(1));
 }
 
-/// What the page and other programs do at the station stands in the recording.
+/// Commands of the page and of other programs stand in the recording.
 #[test]
 fn deeds_stand_in_the_recording() {
     let folder = tempfile::tempdir().expect("a temporary folder");

@@ -332,7 +332,7 @@ mod tests {
         if cfg!(target_os = "linux") {
             assert_eq!(holder.map(|holder| holder.pid), Some(std::process::id()));
         }
-        // Further guests have to wait, and are told so in time.
+        // Further guests wait for the system, and get the same error.
         let crowd: Vec<_> = (0..200).map_while(|_| connect(&place).ok()).collect();
         assert!(crowd.len() < 200);
         let reception = connect_to_owner(&port, Purpose::Stop);
