@@ -29,7 +29,6 @@ use crate::serial::{Holder, TCP, owner_of};
 use std::io::{self, Read, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 use trinocular_rig::printable::printable;
 
@@ -105,30 +104,13 @@ pub(crate) fn connect_to_owner(port: &str, purpose: Purpose) -> Option<Reception
 struct Silence;
 
 fn ask_owner(socket: &Path, purpose: Purpose) -> Result<Option<Reception>, Silence> {
-    let Some(mut stream) = connect(socket)? else {
+    let Ok(mut stream) = system::connect(socket) else {
         return Ok(None);
     };
     match introduce(&mut stream, purpose) {
         Ok(reply) => Ok(reception(&reply, stream)),
         Err(cause) if cause.kind() == io::ErrorKind::WouldBlock => Err(Silence),
         Err(_) => Ok(None),
-    }
-}
-
-/// Connects to an owner; `None` if there is none. The system makes a guest of a suspended owner wait
-/// if many have come before, so a thread connects.
-fn connect(socket: &Path) -> Result<Option<Stream>, Silence> {
-    let (sender, connected) = channel();
-    let socket = socket.to_owned();
-    let thread = std::thread::Builder::new().name("connect".to_owned());
-    let spawned = thread.spawn(move || sender.send(system::connect(&socket)));
-    if spawned.is_err() {
-        return Ok(None);
-    }
-    match connected.recv_timeout(OWNER_PATIENCE) {
-        Ok(stream) => Ok(stream.ok()),
-        Err(RecvTimeoutError::Timeout) => Err(Silence),
-        Err(RecvTimeoutError::Disconnected) => Ok(None),
     }
 }
 
@@ -319,7 +301,7 @@ mod tests {
         }
     }
 
-    /// The system accepts connections for a suspended owner, up to a number.
+    /// The system accepts connections for a suspended owner.
     #[test]
     fn owner_that_says_nothing_is_named() {
         let port = format!("tcp://owner-{}.test:1", std::process::id());
@@ -332,11 +314,6 @@ mod tests {
         if cfg!(target_os = "linux") {
             assert_eq!(holder.map(|holder| holder.pid), Some(std::process::id()));
         }
-        // Further guests wait for the system, and get the same error.
-        let crowd: Vec<_> = (0..200).map_while(|_| connect(&place).ok()).collect();
-        assert!(crowd.len() < 200);
-        let reception = connect_to_owner(&port, Purpose::Stop);
-        assert!(matches!(reception, Some(Reception::Silent(_))));
         drop(listener);
         assert!(connect_to_owner(&port, Purpose::Watch).is_none());
     }
