@@ -487,7 +487,7 @@ fn run_that_zeroes_says_so() {
 fn unplugged_port_is_named_at_once() {
     let end = station();
     let desk = Desk::new(&end.path);
-    let mut jog = desk.start(&format!("jog x=50 --rig wide.toml --heartbeat 5000"));
+    let mut jog = desk.start("jog x=50 --rig wide.toml --heartbeat 5000");
     let mut lines = BufReader::new(jog.stderr.take().expect("piped")).lines();
     let patience = Instant::now() + PATIENCE;
     while end.steps()[0] < 40 {
