@@ -14,8 +14,10 @@ use trinocular::servo::simulated_bench::SimulatedBench;
 use trinocular::servo::station_link::StationPlace;
 use trinocular::servo::workbench::Workbench;
 use trinocular::servo::world::SimulatedWorld;
+use trinocular_client::serial::Serial;
 use trinocular_client::twin::TwinOnPort;
 use trinocular_client::twin::real_time::Switches;
+use trinocular_core::frame::message::Command;
 use trinocular_live::access::Access;
 use trinocular_live::{Hub, Server};
 use trinocular_vision::images::{SceneSettings, Texture};
@@ -225,6 +227,62 @@ fn jog_in_motion_is_refused_by_name() {
     }
     page.state(is_in("idle"));
     assert_eq!(lab.twin.steps(), [400, 0, 0]);
+}
+
+/// Commands of another program, through this one, stand among the page's events.
+#[test]
+fn deeds_of_other_program_are_noted() {
+    let lab = Lab::start(TargetPath::Still);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    let by = format!("(process {})", std::process::id());
+    let mut guest = Serial::connect(lab.twin.path()).expect("the owner lets it in");
+    let near = Command::Jog {
+        distance_um: [500, 0, 0],
+    };
+    guest.start_heartbeat().expect("it is answered");
+    guest.command("jog", near).expect("it is passed on");
+    page.state(has_note(&["jog by 0.5 0 0 mm, by `", &by]));
+    lab.wait_for_steps([39, 0, 0]);
+    let at_rest = |guest: &Serial| {
+        let status = guest.fresh_status(true).expect("a status");
+        !status.state.is_moving()
+    };
+    let end = Instant::now() + PATIENCE;
+    while !at_rest(&guest) {
+        assert!(Instant::now() < end, "it does not come to rest");
+    }
+    for (name, command) in [
+        ("zero: ", Command::Zero),
+        ("motors off, by", Command::Motors { on: false }),
+    ] {
+        guest.command("it", command).expect("it is passed on");
+        page.state(has_note(&[name, &by]));
+    }
+    drop(guest);
+    page.state(|state| state["station"]["motors"] == false);
+    // The next guest is let in once the first has left, and so is the page.
+    let end = Instant::now() + PATIENCE;
+    while page.ask(&json!({"motors_on": {}})).is_some() {
+        assert!(Instant::now() < end, "motors on stays refused");
+    }
+    page.state(|state| state["station"]["motors"] == true);
+}
+
+/// A step of the page's stage is 0.0125 mm.
+#[test]
+fn jog_below_a_step_is_refused_by_name() {
+    let lab = Lab::start(TargetPath::Still);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    let refusal = page.ask(&jog([500, -6, 0])).expect("it is refused");
+    for part in ["y=-0.006", "less than half a step", "0.0125 mm"] {
+        assert!(refusal.contains(part), "{refusal}");
+    }
+    assert_eq!(lab.twin.steps(), [0; 3]);
+    assert_eq!(page.ask(&jog([0, -7, 0])), None);
+    lab.wait_for_steps([0; 3]);
+    assert_eq!(lab.twin.steps(), [0, -1, 0]);
 }
 
 /// Returns true if a note of the page contains all of `parts`.

@@ -49,6 +49,8 @@ pub enum Action {
     Zero {},
     /// Finds the home switches.
     Home {},
+    /// Switches the motors on.
+    MotorsOn {},
     /// Starts or ends a recording.
     Record {
         /// True starts.
@@ -101,7 +103,7 @@ impl Action {
 pub struct Offers {
     /// Stop.
     pub stop: bool,
-    /// Follow, jog, go, zero and reset: the run owns the station.
+    /// Follow, jog, go, zero, motors on and reset: the run owns the station.
     pub motion: bool,
     /// Home: an axis has a home switch.
     pub home: bool,

@@ -36,6 +36,9 @@ use trinocular_vision::sums::Estimator;
 /// The station's estimator.
 const ESTIMATOR: Estimator = Estimator::Midpoint;
 
+/// Name of the nodes of ROS 2 in messages.
+const NODES: &str = "a node of ROS 2";
+
 const CAMERAS: &str = "With --cameras";
 const SCENE: &str = "Without --cameras: the simulated target";
 
@@ -273,14 +276,14 @@ fn serve<B: Bench>(
     }
     let (mut bench, desk) = Workbench::new(bench, &rig.rig, stage, ESTIMATOR, hub, recording);
     bench.set_pivot(rig.pivot);
-    let controls = options.control.then(|| Arc::new(desk) as Arc<dyn Controls>);
     let zenoh = &options.zenoh;
-    zenoh.begin(&rig.names, Pace::Real, controls.clone())?;
+    let nodes = || Arc::new(desk.named(NODES)) as Arc<dyn Controls>;
+    zenoh.begin(&rig.names, Pace::Real, options.control.then(nodes))?;
     if let Some(taker) = zenoh.taker() {
         bench.pass_to(taker);
     }
-    if let Some(controls) = controls {
-        page.control(controls)?;
+    if options.control {
+        page.control(Arc::new(desk))?;
     }
     if options.follow || port.is_none() {
         bench.follow_at_once();

@@ -52,7 +52,9 @@ type Outcome = Result<(), String>;
 #[derive(Debug)]
 struct Reset {
     deadline: HostInstant,
-    /// Way back to the page that asked for it.
+    /// Name of who asked for it.
+    by: &'static str,
+    /// Way back to who asked for it.
     reply: Option<Reply>,
 }
 
@@ -112,6 +114,7 @@ impl<B: Bench> Workbench<B> {
         let (sender, requests) = sync_channel(REQUESTS);
         let stopper = bench.station().serial().map(|serial| serial.stopper());
         let desk = Desk {
+            by: desk::PAGE,
             offers: Offers {
                 stop: stopper.is_some(),
                 motion: true,
@@ -189,6 +192,7 @@ impl<B: Bench> Workbench<B> {
                 self.act(request)?;
             }
             self.try_reset()?;
+            self.tell_deeds();
             self.recording.check(&self.hub, self.bench.station());
             match self.bench.next_shot() {
                 Ok(None) => break,
@@ -198,6 +202,20 @@ impl<B: Bench> Workbench<B> {
             }
         }
         Ok(())
+    }
+
+    /// Tells the pages and the recording what other programs have done at the station.
+    fn tell_deeds(&mut self) {
+        let deeds = self
+            .bench
+            .station()
+            .serial()
+            .map(|serial| serial.take_deeds());
+        for deed in deeds.into_iter().flatten() {
+            let text = deed.to_string();
+            self.recording.event("guest", &text);
+            self.hub.note(text);
+        }
     }
 
     /// Follows the target into the images, or only shows them.
@@ -265,6 +283,7 @@ impl<B: Bench> Workbench<B> {
                 }
                 self.cancel_reset(&reason);
                 self.end_following(reason.clone());
+                self.recording.event("stop", &reason);
                 // The station itself stays stopped until a reset.
                 if let Some(serial) = self.bench.station().serial_mut() {
                     serial.forgive_stop();

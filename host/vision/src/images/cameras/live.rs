@@ -26,6 +26,10 @@ pub const PATIENCE: Duration = Duration::from_secs(3);
 /// Interval at which a waiting thread checks for the end.
 const LOOK: Duration = Duration::from_millis(20);
 
+/// Longest time between two checks that counts as waiting. A program that was suspended for longer
+/// has waited for no image meanwhile.
+const LONGEST_LOOK: Duration = Duration::from_millis(200);
+
 /// Result of one wait for an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CameraEvent {
@@ -258,7 +262,7 @@ impl LiveCameras {
             counts.map(|counts| counts.arrived).collect()
         };
         let before = arrived(&state);
-        let end = Instant::now() + self.patience;
+        let (mut waited, mut looked) = (Duration::ZERO, Instant::now());
         loop {
             if self.stop.load(Relaxed) {
                 return None;
@@ -269,11 +273,14 @@ impl LiveCameras {
             if let Some(error) = state.failed.take() {
                 return Some(Err(error));
             }
-            if Instant::now() >= end {
+            let now = Instant::now();
+            waited += now.duration_since(looked).min(LONGEST_LOOK);
+            looked = now;
+            if waited >= self.patience {
                 return Some(Err(self.silence(&state, &before)));
             }
-            let waited = self.shared.arrived.wait_timeout(state, LOOK);
-            (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
+            let woken = self.shared.arrived.wait_timeout(state, LOOK);
+            (state, _) = woken.unwrap_or_else(PoisonError::into_inner);
         }
     }
 }
