@@ -1,6 +1,6 @@
 //! The program with fake cameras: the list, the devices and settings of the rig file, and errors.
 
-use super::fakes::{Fakes, SERIALS, has_interfaces, turn};
+use super::fakes::{Fakes, SERIALS, has_interfaces};
 use std::fs;
 use tempfile::TempDir;
 use trinocular_rig::rig_file::RigFile;
@@ -10,19 +10,34 @@ use trinocular_tests::binary::{Outcome, trinocular};
 const GOOD: &str = "exposure_us = 10000\ngain = 0\npacket_size_bytes = 9000\npacket_delay_us = 1\n\
                     trigger_mode = \"Off\"\npacket_resend = false\nptp = false\n";
 
-/// Runs `track` with the devices of a rig file whose middle camera has these lines, too.
-fn track(lines: &str, more: &[&str]) -> Outcome {
-    let folder: TempDir = tempfile::tempdir().expect("a folder");
+/// Returns a rig file that names the devices, and whose middle camera has these lines, too.
+fn rig(lines: &str) -> String {
     let mut text = RigFile::paper().to_toml();
     let devices = ["GV03", "GV01", "GV02"];
     for (name, serial) in ["left", "middle", "right"].into_iter().zip(devices) {
-        let own = if name == "middle" { lines } else { GOOD };
+        let own = if name == "middle" {
+            lines
+        } else {
+            GOOD.trim_end()
+        };
         let line = format!("name = \"{name}\"\n");
-        text = text.replace(
-            &line,
-            &format!("{line}device = \"genicam:{serial}\"\n{own}"),
-        );
+        let lines = format!("{line}device = \"genicam:{serial}\"\n{own}\n");
+        text = text.replace(&line, &lines);
     }
+    text
+}
+
+/// Returns the place of a line in the rig file, as errors name it.
+fn place(lines: &str, line: &str) -> String {
+    let text = rig(lines);
+    let before = text.lines().take_while(|each| *each != line).count();
+    format!("rig.toml:{}: field ", before + 1)
+}
+
+/// Runs `track` with this rig file.
+fn track(lines: &str, more: &[&str]) -> Outcome {
+    let folder: TempDir = tempfile::tempdir().expect("a folder");
+    let text = rig(lines);
     fs::write(folder.path().join("rig.toml"), text).expect("a file of ours");
     let mut track = trinocular();
     track
@@ -38,7 +53,6 @@ fn cameras_are_listed_by_serial_number() {
     if !has_interfaces("command_line::cameras_are_listed_by_serial_number") {
         return;
     }
-    let _turn = turn();
     let _fakes = Fakes::start(0);
     let listed = Outcome::of(trinocular().args(["cameras", "--json"]));
     let listing = &listed.good_json()[0];
@@ -73,7 +87,6 @@ fn rig_file_names_and_sets_the_cameras() {
     if !has_interfaces("command_line::rig_file_names_and_sets_the_cameras") {
         return;
     }
-    let _turn = turn();
     let _fakes = Fakes::start(0);
     for format in ["Mono8", "Mono16"] {
         let lines = format!("{GOOD}pixel_format = \"{format}\"");
@@ -108,7 +121,6 @@ fn impossible_settings_name_line_and_range() {
     if !has_interfaces("command_line::impossible_settings_name_line_and_range") {
         return;
     }
-    let _turn = turn();
     let _fakes = Fakes::start(0);
     for (line, words) in [
         (
@@ -130,7 +142,7 @@ fn impossible_settings_name_line_and_range() {
         ),
     ] {
         let outcome = track(line, &["rig"]);
-        outcome.failed_after_notes(1, &[&format!("rig.toml:13: field {words}")]);
+        outcome.failed_after_notes(1, &[&(place(line, line) + words)]);
     }
     for (line, words) in [
         (
@@ -142,8 +154,9 @@ fn impossible_settings_name_line_and_range() {
             "`camera[1].trigger_activation`: the camera has no `AnyEdge`; it has RisingEdge",
         ),
     ] {
-        let outcome = track(&format!("trigger_mode = \"On\"\n{line}"), &["rig"]);
-        outcome.failed_after_notes(1, &[&format!("rig.toml:14: field {words}")]);
+        let lines = format!("trigger_mode = \"On\"\n{line}");
+        let outcome = track(&lines, &["rig"]);
+        outcome.failed_after_notes(1, &[&(place(&lines, line) + words)]);
     }
 }
 
@@ -153,7 +166,6 @@ fn absent_and_silent_cameras_are_named() {
     if !has_interfaces("command_line::absent_and_silent_cameras_are_named") {
         return;
     }
-    let _turn = turn();
     let _fakes = Fakes::start(0);
     let outcome = track("", &["genicam:GV01,genicam:GV09,genicam:GV02"]);
     let words = ["genicam:GV09: no such GenICam camera: found: GV01, GV02, GV03"];

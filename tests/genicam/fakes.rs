@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::process::{Child, Command, Stdio};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 use tempfile::TempDir;
 use trinocular_tests::binary::{c_library, interrupt};
@@ -21,7 +21,10 @@ pub fn has_interfaces(name: &str) -> bool {
     if std::env::var_os(VARIABLE).is_some() {
         return true;
     }
-    // Other runs of this test use other addresses.
+    // Tests of one program have the same addresses, and take turns.
+    static TURN: Mutex<()> = Mutex::new(());
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    // Other runs of this program have other addresses.
     let [_, high, low, _] = std::process::id().to_be_bytes().map(|byte| byte.max(1));
     let [_, _, _, last] = std::process::id().to_be_bytes();
     let addresses =
@@ -40,12 +43,6 @@ fn addresses() -> Vec<String> {
     list.split(',').map(String::from).collect()
 }
 
-/// Waits until the test may have the fake cameras: two sets would have the same addresses.
-pub fn turn() -> MutexGuard<'static, ()> {
-    static TURN: Mutex<()> = Mutex::new(());
-    TURN.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Running fake cameras.
 pub struct Fakes {
     cameras: Vec<Option<Child>>,
@@ -60,7 +57,7 @@ impl Fakes {
             let log = File::create(logs.path().join(serial)).expect("a file of ours");
             let camera = Command::new("arv-fake-gv-camera-0.8")
                 .args(["-i", &address, "-s", serial, "-r", &lost.to_string()])
-                .args(["-d", "stream-thread:info"])
+                .args(["-d", "stream-thread:2"])
                 .stdin(Stdio::null())
                 .stderr(log.try_clone().expect("the file"))
                 .stdout(log)

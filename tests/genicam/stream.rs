@@ -1,7 +1,7 @@
 //! Frame sets of three fake cameras that lose packets: no wrong pairs, and every image accounted
 //! for.
 
-use super::fakes::{Fakes, SERIALS, has_interfaces, turn};
+use super::fakes::{Fakes, SERIALS, has_interfaces};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
@@ -130,7 +130,6 @@ fn stamps(set: &FrameSet, shots: &[Arc<Mutex<Vec<Shot>>>]) -> Vec<u64> {
 
 /// Streams for `seconds`, and compares each set and each count with what the cameras sent.
 fn stream(seconds: u64) {
-    let _turn = turn();
     let fakes = Fakes::start(10);
     let Bench {
         mut live, shots, ..
@@ -197,8 +196,14 @@ fn account(serial: &str, shots: &[Shot], tally: &Tally, sent: &super::fakes::Sen
     // Every image that the camera sent is one of those counted.
     let ids: Vec<u64> = shots.iter().filter_map(|shot| shot.id).collect();
     let (first, last) = (ids[0], ids[ids.len() - 1]);
-    let range = |ids: &[u64], at: u64| ids.iter().position(|id| *id == at).expect("it was sent");
-    let sent_between = &sent.images[range(&sent.images, first)..=range(&sent.images, last)];
+    let place = |at: u64| sent.images.iter().position(|id| *id == at);
+    let (Some(begin), Some(end)) = (place(first), place(last)) else {
+        panic!(
+            "{serial}: {first} or {last} was not sent, but {:?}",
+            sent.images
+        );
+    };
+    let sent_between = &sent.images[begin..=end];
     let count = sent_between.len() as u64;
     assert_eq!(count, images_between(first, last), "{serial}");
     let numbered = |shot: &Shot| shot.id.is_some();
@@ -249,7 +254,6 @@ fn camera_that_goes_away_is_left_out() {
     if !has_interfaces("stream::camera_that_goes_away_is_left_out") {
         return;
     }
-    let _turn = turn();
     let mut fakes = Fakes::start(0);
     let Bench {
         mut live,

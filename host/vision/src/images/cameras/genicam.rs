@@ -147,6 +147,8 @@ impl Genicam {
         let id = Some(buffer.frame_id()).filter(|id| *id != NAMELESS);
         let stamp_ns = buffer.timestamp();
         let event = match buffer.status() {
+            // The status may be that of the buffer's previous image if no packet was understood.
+            BufferStatus::Success if id.is_none() => CameraEvent::Damaged,
             BufferStatus::Success => self.image(&buffer, arrived),
             BufferStatus::MissingPackets | BufferStatus::Timeout => CameraEvent::Incomplete,
             BufferStatus::Cleared | BufferStatus::Aborted | BufferStatus::Filling => {
