@@ -90,7 +90,7 @@ fn rig_file_names_and_sets_the_cameras() {
     let _fakes = Fakes::start(0);
     for format in ["Mono8", "Mono16"] {
         let lines = format!("{GOOD}pixel_format = \"{format}\"");
-        let outcome = track(&lines, &["rig", "--fps", "60", "--seconds", "2"]);
+        let outcome = track(&lines, &["rig", "--fps", "20", "--seconds", "4"]);
         let error = "the first frame set cannot be the keyframe";
         assert!(outcome.stderr.contains(error), "{}", outcome.stderr);
         let opened = format!(

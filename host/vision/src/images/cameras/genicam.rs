@@ -36,6 +36,10 @@ pub const PREFIX: &str = "genicam:";
 /// Number of buffers: 0.27 s at 60 images per second.
 const BUFFERS: usize = 16;
 
+/// Number of waiting images above which the oldest is not used: a camera must not lag behind the
+/// others by more images than the [matching](super::matching::DEPTH) keeps.
+const BACKLOG: i32 = 4;
+
 /// Longest wait for an image before the next check for the end, µs.
 const WAIT_US: u64 = 100_000;
 
@@ -149,6 +153,7 @@ impl Genicam {
         let event = match buffer.status() {
             // The status may be that of the buffer's previous image if no packet was understood.
             BufferStatus::Success if id.is_none() => CameraEvent::Damaged,
+            BufferStatus::Success if self.stream.n_buffers().1 > BACKLOG => CameraEvent::Stale,
             BufferStatus::Success => self.image(&buffer, arrived),
             BufferStatus::MissingPackets | BufferStatus::Timeout => CameraEvent::Incomplete,
             BufferStatus::Cleared | BufferStatus::Aborted | BufferStatus::Filling => {

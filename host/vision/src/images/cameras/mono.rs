@@ -304,6 +304,6 @@ mod tests {
         }
         assert_eq!(Mono::named("BayerRG8"), None);
         assert_eq!(Mono::Mono8.levels(&[], [0, 0], 0), Ok(Vec::new()));
-        assert_eq!(Mono::Mono10p.levels(&[], [0, 5], 2), Ok(Vec::new()));
+        assert_eq!(Mono::Mono10p.levels(&[0; 8], [0, 5], 2), Ok(Vec::new()));
     }
 }
