@@ -264,13 +264,12 @@ impl RigFile {
     }
 }
 
+/// Names, lenses and places, and devices of the cameras.
+type Cameras = (Vec<String>, Vec<Camera>, Vec<Capture>);
+
 /// Reads the `[[camera]]` tables: checks each of them, then the rules between them, then sorts
 /// them.
-fn cameras(
-    list: &Field<'_>,
-    image_size_px: [u32; 2],
-    shape: Shape,
-) -> Result<(Vec<String>, Vec<Camera>, Vec<Capture>), InputError> {
+fn cameras(list: &Field<'_>, image_size_px: [u32; 2], shape: Shape) -> Result<Cameras, InputError> {
     let tables = list.elements()?;
     if !(2..=MAX_CAMERAS).contains(&tables.len()) {
         let count = tables.len();
