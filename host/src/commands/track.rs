@@ -68,12 +68,17 @@ pub struct Source {
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     watch: Option<PathBuf>,
 
-    /// Live cameras (V4L2), in the order of the rig file's: /dev/video0,/dev/video2,/dev/video4; or
-    /// `twin`, those of `trinocular twin --with-target`
+    /// Live cameras, in the order of the rig file's: /dev/video0,/dev/video2,/dev/video4, or
+    /// genicam:SERIAL,...; `rig`, those that the rig file names; or `twin`, those of `trinocular twin
+    /// --with-target`
     ///
-    /// Until Ctrl-C, or for --seconds. Cameras other than `twin` need Linux and a program that was
-    /// built with `--features trinocular/camera`; `twin:LINK` names the link of a twin that has its own.
-    /// At the end a line per camera counts its images: used, overtaken, damaged, lost by its driver.
+    /// Until Ctrl-C, or for --seconds. V4L2 cameras need Linux and a program that was built with
+    /// `--features trinocular/camera`, GenICam cameras (GigE Vision, USB3 Vision) one with `--features
+    /// trinocular/genicam`. `trinocular cameras` lists both. A GenICam camera is named by its serial
+    /// number or IP address; `genicam:first` takes any. `twin:LINK` names the link of a twin that has
+    /// its own.
+    /// At the end a line per camera counts its images: used, overtaken, damaged, incomplete (with
+    /// missing packets), lost by its driver.
     /// If a camera is unplugged or falls silent, the others carry on, as long as two are left.
     #[arg(
         long,
@@ -403,6 +408,7 @@ Examples:
   trinocular track --images run.mcap
   trinocular track --watch captures/ --rig rig.toml --idle 60
   trinocular track --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto
+  trinocular track --cameras rig --rig rig.toml --port auto
   trinocular track --sim --zenoh";
 
 /// Runs the command.

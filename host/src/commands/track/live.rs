@@ -48,19 +48,19 @@ pub fn run(
     let devices = cameras::per_camera(devices, &rig, rig_path)?;
     let is_real = options.station.is_given();
     let stage = stage((is_real, options.fixed), &rig, rig_path)?;
-    follow(options, &devices, &rig, stage, out)
+    follow(options, &devices, (&rig, rig_path), stage, out)
 }
 
 fn follow(
     options: &TrackOptions,
     devices: &[PathBuf],
-    rig: &RigFile,
+    (rig, rig_path): (&RigFile, &Path),
     (stage, mounting): (Stage, Mounting),
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let port = options.station.resolve()?;
     // Open all cameras before the station, so that nothing moves if one is missing.
-    let cameras = cameras::open(devices, rig, options.fps())?;
+    let cameras = cameras::open(devices, (rig, rig_path), options.fps())?;
     let ms = |ms: f64| Duration::from_secs_f64(ms * 1e-3);
     let stop = on_interrupt()?;
     let delay_us = (options.delay * 1e3).round() as i64;
@@ -101,15 +101,16 @@ fn follow(
         let matching = tally.matching;
         notice!(
             "{name} ({}): {} images, {} used, {} overtaken by newer ones, {} without partners \
-             within {} ms, {} stale, {} damaged, {} out of order; its driver lost {}",
+             within {} ms, {} stale, {} damaged, {} incomplete, {} out of order; its driver lost {}",
             device.display(),
-            matching.arrived + tally.stale + tally.damaged,
+            matching.arrived + tally.stale + tally.damaged + tally.incomplete,
             matching.used,
             matching.overtaken,
             matching.unmatched,
             options.window_ms(),
             tally.stale,
             tally.damaged,
+            tally.incomplete,
             matching.disordered,
             tally.lost
         );

@@ -93,6 +93,7 @@ impl Calibration {
             rig,
             stage: None,
             pivot: None,
+            capture: Vec::new(),
         })
     }
 

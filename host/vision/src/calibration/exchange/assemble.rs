@@ -81,6 +81,7 @@ pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
         rig,
         stage,
         pivot: None,
+        capture: Vec::new(),
     }
     .to_toml();
     let rig = RigFile::parse(&first.path, &text).map_err(|error| blame(members, error))?;
