@@ -30,8 +30,9 @@
 //! answered the stage's own acceleration a moment before.
 //!
 //! # Work
-//! What a frame's tick must decide is done there ([`Watch::see`]). The sums that show the cause cost
-//! more than that tick can spare, so the ticks after it do them, a share each ([`Watch::work`]).
+//! What a frame's tick must decide is done there ([`Watch::see`]). The sums that show the cause
+//! cost more than that tick can spare, so the ticks after it do them, a share each
+//! ([`Watch::work`]).
 //!
 //! # Figures
 //! `cargo test -p trinocular-tests --test lives -- --ignored --nocapture` follows random targets
@@ -87,8 +88,8 @@ const WINDOW_MS: f32 = 145.0;
 /// Part of [`Bounds::unseen`] that is a large motion, as a standard deviation.
 const LARGE: f32 = 0.1;
 
-/// How often [`Bounds::unseen`] is halved for the distance that the stage may go without approach:
-/// before the first trial (`FIRST`), and after one that counts (`AGAIN`).
+/// Number of halvings of [`Bounds::unseen`] for the distance that the stage may go without
+/// approach: before the first trial (`FIRST`), and after one that counts (`AGAIN`).
 const FIRST: u32 = 1;
 const AGAIN: u32 = 2;
 

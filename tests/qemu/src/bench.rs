@@ -414,7 +414,7 @@ fn ticks(
     Ok((first, others))
 }
 
-/// Measures a hundred frames: decoding, the tick, the reports, and the most instructions of a frame.
+/// Measures a hundred frames: decoding, the tick, the reports, and the most that a frame takes.
 fn frames(counter: &mut Counter, host: &mut Host) -> Result<(Sum, Sum, Sum, u64), Failure> {
     let (mut received, mut polled, mut reported) = (Sum::default(), Sum::default(), Sum::default());
     let mut worst = 0;

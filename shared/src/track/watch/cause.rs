@@ -5,11 +5,11 @@
 //! apparent target's. If it leaves next to nothing, the cause is found: a target that moves by
 //! itself would have to imitate the stage with the hypothesis' few unknowns, and to stop with it.
 //!
-//! * *Mount*: `p = (1 - G M) s`. Hypotheses are a gain on one axis (a wrong sign or scale), a common
-//!   gain, a rotation about an axis with any gain, two axes swapped, and a cycle. Each is a linear
-//!   combination of one or two matrices, which are orthogonal on the stage's motion, and explains
-//!   `Σ b²/m`, with the sums `b` of the products of the matrix with `cov(p, s)`, and `m` of those of
-//!   its square with `cov(s, s)`.
+//! * *Mount*: `p = (1 - G M) s`. Hypotheses are a gain on one axis (a wrong sign or scale), a
+//!   common gain, a rotation about an axis with any gain, two axes swapped, and a cycle. Each is a
+//!   linear combination of one or two matrices, which are orthogonal on the stage's motion, and
+//!   explains `Σ b²/m`, with the sums `b` of the products of the matrix with `cov(p, s)`, and `m`
+//!   of those of its square with `cov(s, s)`.
 //! * *Steps*: `p = s` on one axis, whatever the others do. Its steps do not move the cameras.
 //! * *Stamps*: see [`late`](super::late).
 //!
