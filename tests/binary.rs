@@ -119,6 +119,9 @@ fn build() -> PathBuf {
         if cfg!(feature = "camera") {
             cargo.args(["--features", "trinocular/camera"]);
         }
+        if cfg!(feature = "genicam") {
+            cargo.args(["--features", "trinocular/genicam"]);
+        }
         if cfg!(feature = "foxglove") {
             cargo.args(["--features", "trinocular/foxglove"]);
         }

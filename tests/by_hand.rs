@@ -2,6 +2,7 @@
 //! built program, its messages and exit codes.
 
 use serde_json::{Value, json};
+use std::io::{BufRead as _, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -446,4 +447,70 @@ fn emulated_board_is_driven_by_hand() {
     std::thread::sleep(Duration::from_secs(2));
     drop(emulator);
     assert_eq!(pins(&trace).0, [160, -80, 40]);
+}
+
+#[test]
+fn jog_below_a_step_is_refused() {
+    let end = station();
+    let desk = Desk::new(&end.path);
+    let parts = ["x=0.001", "less than half a step", "0.0125 mm"];
+    // Before the port is opened, and as a whole.
+    let refused = desk.run("jog y=1 x=0.001 --rig rig.toml");
+    refused.ended(2, &parts);
+    assert_eq!(desk.status()["state"], "unconfigured");
+    desk.run(&format!("jog x=0.0070 y=-0.007 {CONFIGURE}"))
+        .ended(0, &["(1 -1 0 steps)"]);
+    // Without the stage only the station knows its steps.
+    let unknown = desk.run("jog x=0.001 y=1");
+    assert!(
+        unknown.err.contains("x did not move") && !unknown.err.contains("y did not"),
+        "{}",
+        unknown.err
+    );
+    unknown.ended(0, &["moved by  0 80 0 steps"]);
+}
+
+#[test]
+fn run_that_zeroes_says_so() {
+    let end = station();
+    let desk = Desk::new(&end.path);
+    desk.run(&format!("zero {CONFIGURE}")).ended(0, &[]);
+    desk.run(&format!("jog x=2 y=-1 {CONFIGURE}")).ended(0, &[]);
+    let track = "track --sim --path still --seconds 0.1 --heartbeat 5000 --rig rig.toml";
+    let done = desk.run(track);
+    let said = "the present position is zero now; it was 2.0000 -1.0000 0.0000 mm (known)";
+    assert!(done.err.contains(said), "{}", done.err);
+    assert_eq!(done.code, Some(0), "{}", done.err);
+}
+
+#[test]
+fn unplugged_port_is_named_at_once() {
+    let end = station();
+    let desk = Desk::new(&end.path);
+    let mut jog = desk.start("jog x=50 --rig wide.toml --heartbeat 5000");
+    let mut lines = BufReader::new(jog.stderr.take().expect("piped")).lines();
+    let patience = Instant::now() + PATIENCE;
+    while end.steps()[0] < 40 {
+        assert!(Instant::now() < patience, "it does not move");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    end.unplug();
+    let mut said = Vec::new();
+    for line in lines.by_ref().map_while(Result::ok) {
+        said.push(line);
+        if said
+            .last()
+            .is_some_and(|line| line.contains("trying for 10 s"))
+        {
+            break;
+        }
+    }
+    // The program still waits for the port when it says so.
+    let last = said.last().map_or("", String::as_str);
+    assert!(last.contains("the port is gone"), "{said:?}");
+    assert!(jog.try_wait().expect("it is ours").is_none());
+    end.plug();
+    let rest: Vec<String> = lines.map_while(Result::ok).collect();
+    assert_eq!(jog.wait().expect("it ends").code(), Some(3), "{rest:?}");
+    assert!(rest.join(" ").contains("the line was lost for"), "{rest:?}");
 }

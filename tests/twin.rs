@@ -1,11 +1,14 @@
 //! `trinocular twin`: a simulated station that other commands connect to.
 
+use serde_json::Value;
 use std::io::{BufRead as _, BufReader, Write as _};
+use std::net::TcpStream;
 use std::process::{Child, ChildStdin, ChildStdout, Stdio};
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use trinocular_client::stage::default_stage;
 use trinocular_rig::rig_file::{RigFile, Trigger};
-use trinocular_tests::binary::{Outcome, interrupt, trinocular};
+use trinocular_tests::binary::{Outcome, interrupt, signal, trinocular};
 
 /// A heartbeat timeout that a busy test machine does not exceed.
 const HEARTBEAT: [&str; 2] = ["--heartbeat", "5000"];
@@ -330,6 +333,69 @@ fn missed_and_doubled_images_are_named() {
         HEARTBEAT.join(" ")
     ));
     refused.failed(2, &["--delay", "[trigger]"]);
+}
+
+/// Returns the state of the page at `address`.
+fn state(address: &str) -> Value {
+    let mut stream = TcpStream::connect(address).expect("it is served");
+    let request =
+        format!("GET /state.json HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");
+    stream.write_all(request.as_bytes()).expect("it reads");
+    let answer = std::io::read_to_string(stream).expect("UTF-8");
+    let (_, body) = answer.split_once("\r\n\r\n").expect("a body");
+    serde_json::from_str(body).expect("JSON")
+}
+
+/// A reader that is suspended or slow loses images, and counts them; it keeps its cameras.
+#[test]
+fn suspended_reader_loses_images_only() {
+    let (mut twin, cameras) = bench("still");
+    let mut serve = trinocular();
+    serve
+        .args(["serve", "--cameras", &cameras, "--rig", "bench.toml"])
+        .args(["--listen", "127.0.0.1:0"])
+        .current_dir(twin.folder.path())
+        .stderr(Stdio::piped());
+    let mut serve = serve.spawn().expect("it runs");
+    let mut lines = BufReader::new(serve.stderr.take().expect("piped")).lines();
+    let mut lines = lines.by_ref().map_while(Result::ok);
+    let address = lines.find_map(|line| Some(line.split_once("http://")?.1.to_owned()));
+    let address = address.expect("the page's address");
+    let address = address.trim_end_matches('/');
+    let turns = |state: &Value| state["turns"].as_u64().unwrap_or(0);
+    let reaches = |what: &str, wanted: &dyn Fn(&Value) -> bool| {
+        let end = Instant::now() + Duration::from_secs(60);
+        loop {
+            let state = state(address);
+            if wanted(&state) {
+                return turns(&state);
+            }
+            assert!(Instant::now() < end, "{what}: {state}");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    };
+    reaches("the first images", &|state| turns(state) > 5);
+    signal(&serve, "STOP");
+    // Longer than the 3 s for which a program waits for images.
+    std::thread::sleep(Duration::from_millis(3_500));
+    signal(&serve, "CONT");
+    let lost = |state: &Value| {
+        let drops = state["drops"].as_array().into_iter().flatten();
+        let drops: Vec<_> = drops
+            .map(|camera| camera["lost by the driver"].as_u64())
+            .collect();
+        drops.len() == 3 && drops.iter().all(|lost| lost >= &Some(10))
+    };
+    let after = reaches("the loss is counted", &lost);
+    reaches("images go on", &|state| turns(state) > after + 10);
+    // The end of the twin is named as what it is.
+    twin.program.kill().expect("it runs");
+    twin.program.wait().expect("it ended");
+    let rest: Vec<String> = lines.collect();
+    assert_eq!(serve.wait().expect("it ends").code(), Some(1), "{rest:?}");
+    let rest = rest.join("\n");
+    assert!(rest.contains("its program has ended"), "{rest}");
+    assert!(!rest.contains("unexpected end"), "{rest}");
 }
 
 #[test]

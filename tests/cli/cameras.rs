@@ -56,3 +56,68 @@ fn mismatch_with_rig_fails_before_opening() {
         run(desk.folder.path(), &words).failed(2, &[option[0], "goes with"]);
     }
 }
+
+/// Returns a desk whose rig file has these lines in the table of its middle camera.
+fn desk_with(lines: &str) -> Desk {
+    let desk = Desk::new();
+    let text = fs::read_to_string(desk.path("rig.toml")).expect("a rig file");
+    let name = "name = \"middle\"\n";
+    assert!(text.contains(name), "{text}");
+    desk.write("rig.toml", text.replace(name, &format!("{name}{lines}\n")));
+    desk
+}
+
+#[test]
+fn rig_names_devices_or_the_error_says_how() {
+    let with_rig = ["track", "--rig", "rig.toml", "--cameras", "rig"];
+    let desk = desk_with("device = \"/dev/no-middle\"");
+    let outcome = run(desk.folder.path(), &with_rig);
+    let words = [
+        "rig.toml:",
+        "field `camera[0].device`: missing",
+        "genicam:SERIAL",
+    ];
+    outcome.failed(1, &words);
+    // The settings of a GenICam camera are refused for a V4L2 camera, with their line.
+    let desk = desk_with("gain = 3");
+    let outcome = track(&desk, &["--rig", "rig.toml"]);
+    outcome.failed(
+        1,
+        &["rig.toml:11: field `camera[1].gain`: only GenICam cameras"],
+    );
+}
+
+#[test]
+fn genicam_cameras_are_absent_or_not_built_in() {
+    let desk = Desk::new();
+    let cameras = "genicam:no-1,genicam:no-2,genicam:no-3";
+    let words = ["track", "--rig", "rig.toml", "--cameras", cameras];
+    let advice = match cfg!(feature = "genicam") {
+        true => "no such GenICam camera",
+        false => "--features trinocular/genicam",
+    };
+    run(desk.folder.path(), &words).failed(1, &["genicam:no-1: ", advice]);
+    let twice = [
+        "track",
+        "--rig",
+        "rig.toml",
+        "--cameras",
+        "genicam:1,genicam:2,genicam:1",
+    ];
+    run(desk.folder.path(), &twice).failed(2, &["one device twice"]);
+}
+
+#[test]
+fn cameras_are_listed_without_any() {
+    let desk = Desk::new();
+    let outcome = run(desk.folder.path(), &["cameras", "--json"]);
+    let listing = &outcome.good_json()[0];
+    let without = listing["without"].as_array().expect("a list");
+    let is_without = |kind: &str| without.contains(&kind.into());
+    assert_eq!(is_without("GenICam"), !cfg!(feature = "genicam"));
+    assert_eq!(is_without("V4L2"), !cfg!(feature = "camera"));
+    assert!(listing["cameras"].is_array(), "{listing}");
+    let outcome = run(desk.folder.path(), &["cameras"]);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+    assert!(!outcome.stdout.is_empty());
+}

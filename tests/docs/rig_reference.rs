@@ -76,13 +76,25 @@ fn replaced(field: &str, line: &str) -> String {
     document.to_string()
 }
 
-const CAMERA: [&str; 6] = [
+const CAMERA: [&str; 18] = [
     "name",
     "focal_px",
     "principal_px",
     "offset_mm",
     "distortion",
     "rotation_deg",
+    "device",
+    "exposure_us",
+    "gain",
+    "pixel_format",
+    "trigger_mode",
+    "trigger_source",
+    "trigger_activation",
+    "packet_size_bytes",
+    "packet_delay_us",
+    "packet_resend",
+    "bandwidth_mb_s",
+    "ptp",
 ];
 
 #[test]
@@ -177,5 +189,5 @@ fn rig_reference_states_ranges() {
             checked += 1;
         }
     }
-    assert!(checked >= 14, "{checked} ranges");
+    assert!(checked >= 19, "{checked} ranges");
 }

@@ -14,8 +14,10 @@ use trinocular::servo::simulated_bench::SimulatedBench;
 use trinocular::servo::station_link::StationPlace;
 use trinocular::servo::workbench::Workbench;
 use trinocular::servo::world::SimulatedWorld;
+use trinocular_client::serial::Serial;
 use trinocular_client::twin::TwinOnPort;
 use trinocular_client::twin::real_time::Switches;
+use trinocular_core::frame::message::Command;
 use trinocular_live::access::Access;
 use trinocular_live::{Hub, Server};
 use trinocular_vision::images::{SceneSettings, Texture};
@@ -107,6 +109,14 @@ fn is_in(state: &str) -> impl Fn(&Value) -> bool + '_ {
     move |message| message["station"]["state"] == state
 }
 
+/// Asks until the action is done: the station hears of a switch, or comes to rest, a moment later.
+fn done(page: &mut Peer, action: &Value) {
+    let end = Instant::now() + PATIENCE;
+    while let Some(refusal) = page.ask(action) {
+        assert!(Instant::now() < end, "{refusal}");
+    }
+}
+
 fn jog(distance_um: [i32; 3]) -> Value {
     json!({"jog": {"distance_um": distance_um}})
 }
@@ -174,8 +184,7 @@ fn bench_follows_again_after_jog_and_zero() {
         assert!(Instant::now() < end, "{:?}", lab.twin.steps());
         page.state(|_| true);
     }
-    page.state(is_in("idle"));
-    assert_eq!(page.ask(&json!({"zero": {}})), None);
+    done(&mut page, &json!({"zero": {}}));
     page.state(|state| state["notes"].to_string().contains("zero is here"));
     let at_zero = |state: &Value| {
         let samples = state["samples"].as_array();
@@ -227,6 +236,62 @@ fn jog_in_motion_is_refused_by_name() {
     assert_eq!(lab.twin.steps(), [400, 0, 0]);
 }
 
+/// Commands of another program, through this one, stand among the page's events.
+#[test]
+fn deeds_of_other_program_are_noted() {
+    let lab = Lab::start(TargetPath::Still);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    let by = format!("(process {})", std::process::id());
+    let mut guest = Serial::connect(lab.twin.path()).expect("the owner lets it in");
+    let near = Command::Jog {
+        distance_um: [500, 0, 0],
+    };
+    guest.start_heartbeat().expect("it is answered");
+    guest.command("jog", near).expect("it is passed on");
+    page.state(has_note(&["jog by 0.5 0 0 mm, by `", &by]));
+    lab.wait_for_steps([39, 0, 0]);
+    let at_rest = |guest: &Serial| {
+        let status = guest.fresh_status(true).expect("a status");
+        !status.state.is_moving()
+    };
+    let end = Instant::now() + PATIENCE;
+    while !at_rest(&guest) {
+        assert!(Instant::now() < end, "it does not come to rest");
+    }
+    for (name, command) in [
+        ("zero: ", Command::Zero),
+        ("motors off, by", Command::Motors { on: false }),
+    ] {
+        guest.command("it", command).expect("it is passed on");
+        page.state(has_note(&[name, &by]));
+    }
+    drop(guest);
+    page.state(|state| state["station"]["motors"] == false);
+    // The next guest is let in once the first has left, and so is the page.
+    let end = Instant::now() + PATIENCE;
+    while page.ask(&json!({"motors_on": {}})).is_some() {
+        assert!(Instant::now() < end, "motors on stays refused");
+    }
+    page.state(|state| state["station"]["motors"] == true);
+}
+
+/// A step of the page's stage is 0.0125 mm.
+#[test]
+fn jog_below_a_step_is_refused_by_name() {
+    let lab = Lab::start(TargetPath::Still);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    let refusal = page.ask(&jog([500, -6, 0])).expect("it is refused");
+    for part in ["y=-0.006", "less than half a step", "0.0125 mm"] {
+        assert!(refusal.contains(part), "{refusal}");
+    }
+    assert_eq!(lab.twin.steps(), [0; 3]);
+    assert_eq!(page.ask(&jog([0, -7, 0])), None);
+    lab.wait_for_steps([0; 3]);
+    assert_eq!(lab.twin.steps(), [0, -1, 0]);
+}
+
 /// Returns true if a note of the page contains all of `parts`.
 fn has_note(parts: &[&str]) -> impl Fn(&Value) -> bool {
     let parts: Vec<String> = parts.iter().map(|part| (*part).to_owned()).collect();
@@ -265,6 +330,57 @@ fn shortened_jog_is_named_on_the_page() {
     page.state(has_note(&["x was shortened to 0.0000 mm of 1 mm"]));
 }
 
+/// A place is absolute: the stage goes there from wherever it stands, or not at all.
+#[test]
+fn stage_goes_to_places_within_its_travel() {
+    let go = |position_um: [i32; 3]| json!({"go": {"position_um": position_um}});
+    let lab = Lab::start(TargetPath::Still);
+    let mut page = lab.page();
+    page.state(is_in("idle"));
+    for (position_um, steps) in [
+        ([1_000, -500, 0], [80, -40, 0]),
+        ([1_000, -500, 0], [80, -40, 0]),
+        ([250, 0, 125], [20, 0, 10]),
+    ] {
+        let end = Instant::now() + PATIENCE;
+        // The page hears a moment later that the stage stands.
+        while page.ask(&go(position_um)).is_some() {
+            assert!(Instant::now() < end, "the stage does not come to rest");
+        }
+        while lab.twin.steps() != steps {
+            assert!(Instant::now() < end, "{:?}", lab.twin.steps());
+            page.state(|_| true);
+        }
+    }
+    page.state(is_in("idle"));
+    let refusal = page.ask(&go([0, 60_001, 0])).expect("it is refused");
+    assert!(
+        refusal.contains("y = 60.001 mm is outside the soft limits"),
+        "{refusal}"
+    );
+    let refusal = page.ask(&go([0, i32::MIN, 0])).expect("it is refused");
+    assert!(refusal.contains("at most 2000 mm"), "{refusal}");
+    assert_eq!(lab.twin.steps(), [20, 0, 10]);
+    // An emergency stop in motion may lose steps.
+    assert_eq!(page.ask(&go([50_000, 0, 0])), None);
+    lab.wait_for_steps([20, 0, 10]);
+    lab.twin.set_switches(Switches {
+        emergency_stop: true,
+        ..Switches::default()
+    });
+    page.state(has_note(&["fault 1"]));
+    lab.twin.set_switches(Switches::default());
+    done(&mut page, &json!({"reset": {}}));
+    page.state(is_in("idle"));
+    let steps = lab.twin.steps();
+    let refusal = page.ask(&go([0; 3])).expect("it is refused");
+    assert!(
+        refusal.contains("does not know where the stage is"),
+        "{refusal}"
+    );
+    assert_eq!(lab.twin.steps(), steps);
+}
+
 #[test]
 fn fault_while_nothing_is_followed_is_noted() {
     let lab = Lab::start(TargetPath::Still);
@@ -279,7 +395,7 @@ fn fault_while_nothing_is_followed_is_noted() {
         "; to do: ",
     ]));
     lab.twin.set_switches(Switches::default());
-    assert_eq!(page.ask(&json!({"reset": {}})), None);
+    done(&mut page, &json!({"reset": {}}));
     page.state(has_note(&["no fault any more"]));
 }
 

@@ -6,6 +6,7 @@ use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use trinocular_tests::binary::{Outcome, trinocular};
+use trinocular_tests::far_end::station;
 
 /// `trinocular serve --control`, which ends with this value.
 struct Served(Child);
@@ -157,4 +158,39 @@ fn failed_write_ends_recording_on_page() {
     page.state(|state| state["recording"].is_null() && warned(state));
     drop(page);
     assert_eq!(served.0.wait().expect("it ends").code(), Some(1));
+}
+
+/// Commands of the page and of other programs stand in the recording.
+#[test]
+fn deeds_stand_in_the_recording() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let place = folder.path().to_str().expect("a name in UTF-8");
+    let end = station();
+    let (served, mut page) = Served::start(&["--port", &end.path, "--recordings", place]);
+    page.state(|state| state["station"]["state"] == "idle");
+    assert_eq!(page.ask(&json!({"record": {"on": true}})), None);
+    page.state(|state| state["recording"].is_string());
+    assert_eq!(page.ask(&json!({"zero": {}})), None);
+    for order in [&["motors", "off"][..], &["motors", "on"], &["stop"]] {
+        let done = Outcome::of(trinocular().args(order).args(["--port", &end.path]));
+        assert_eq!(done.code, Some(0), "{}", done.stderr);
+    }
+    page.state(|state| state["notes"].to_string().contains("stopped by"));
+    assert_eq!(page.ask(&json!({"reset": {}})), None);
+    assert_eq!(page.ask(&json!({"record": {"on": false}})), None);
+    page.state(|state| state["recording"].is_null());
+    drop(served);
+    let files = recordings(folder.path());
+    let bytes = std::fs::read(&files[0]).expect("the recording is there");
+    let text = String::from_utf8_lossy(&bytes);
+    for part in [
+        "zero: the position became 0 0 0 mm, by the live page",
+        "motors off, by `",
+        "motors on, by `",
+        " motors on --port ",
+        "stopped by `",
+        "reset, by the live page",
+    ] {
+        assert!(text.contains(part), "`{part}` is not in the recording");
+    }
 }

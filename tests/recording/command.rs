@@ -264,3 +264,78 @@ fn recording_without_images_replays_the_station() {
     assert_eq!(png["not_measured"], 0);
     assert_eq!(png["segments"], none["segments"]);
 }
+
+/// The stage's position has one meaning in rows, recordings and tables: at the capture.
+#[test]
+fn recorded_stage_is_that_of_the_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/data");
+    let (captures, rig) = (format!("{data}/captures"), format!("{data}/rig.toml"));
+    let track = ["track", "--images", &captures, "--rig", &rig, "--json"];
+    let rows = run(folder, &[&track[..], &["--record", "run.mcap"]].concat()).good_json();
+    let export = ["export", "run.mcap", "--csv", "run.csv"];
+    assert_eq!(run(folder, &export).code, Some(0));
+    let table = fs::read_to_string(folder.join("run.csv")).unwrap();
+    let mut lines = table
+        .lines()
+        .map(|line| line.split(',').collect::<Vec<_>>());
+    let names = lines.next().expect("a header");
+    let place = names.iter().position(|name| *name == "stage_x_mm");
+    let place = place.expect("a column");
+    // The first row is the keyframe.
+    let recorded: Vec<[f64; 3]> = lines
+        .skip(1)
+        .map(|cells| [0, 1, 2].map(|axis| cells[place + axis].parse().expect("a number")))
+        .collect();
+    let told: Vec<[f64; 3]> = rows
+        .iter()
+        .map(|row| [0, 1, 2].map(|axis| row["stage_mm"][axis].as_f64().expect("a number")))
+        .collect();
+    assert_eq!(recorded.len(), told.len());
+    assert!(told.iter().any(|mm| mm[0] > 0.1), "{told:?}");
+    for (recorded, told) in recorded.iter().zip(&told) {
+        let is_same = recorded.iter().zip(told).all(|(a, b)| (a - b).abs() < 1e-6);
+        assert!(is_same, "{recorded:?} {told:?}");
+    }
+    same(folder, "run.mcap");
+}
+
+/// Recordings from before the position at the capture say nothing about it in their metadata.
+#[test]
+fn older_recording_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let record = ["track", "--sim", "--seconds", "1", "--record", "run.mcap"];
+    assert_eq!(run(folder, &record).code, Some(0));
+    let mut bytes = fs::read(folder.join("run.mcap")).unwrap();
+    let text = b"at the capture";
+    let at = bytes.windows(text.len()).position(|part| part == text);
+    let at = at.expect("the metadata say it");
+    bytes[at..at + text.len()].copy_from_slice(b"after whatever");
+    fs::write(folder.join("old.mcap"), bytes).unwrap();
+    same(folder, "old.mcap");
+    let report = ["report", "old.mcap", "--out", "old.html", "--json"];
+    let object = &run(folder, &report).good_json()[0];
+    assert!(object["cut"].is_null(), "{object}");
+}
+
+/// A file that ends before its first frame set: what it holds, and what is missing.
+#[test]
+fn cut_before_first_frame_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let record = ["track", "--sim", "--seconds", "1", "--record", "run.mcap"];
+    assert_eq!(run(folder, &record).code, Some(0));
+    let bytes = fs::read(folder.join("run.mcap")).unwrap();
+    // The first chunk is not whole here.
+    fs::write(folder.join("cut.mcap"), &bytes[..bytes.len().min(20_000)]).unwrap();
+    let export = ["export", "cut.mcap", "--csv", "cut.csv"];
+    let outcome = run(folder, &export);
+    outcome.failed(
+        1,
+        &["cut.mcap: holds no measurement and no other message: it is cut off at"],
+    );
+    assert!(!outcome.stderr.contains("only recordings of this program"));
+    assert!(!folder.join("cut.csv").exists());
+}

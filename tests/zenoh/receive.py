@@ -5,7 +5,6 @@
 
 import os
 import pathlib
-import socket
 import struct
 import subprocess
 import sys
@@ -16,28 +15,14 @@ import zenoh
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from router import configuration, free_endpoint
+
 DOMAIN = 7
 CAMERAS = ["left", "middle", "right"]
 TYPES = {"/tf": "tf2_msgs/msg/TFMessage",
          "/trinocular/displacement": "geometry_msgs/msg/PoseWithCovarianceStamped",
          **{f"/trinocular/{camera}/image_raw": "sensor_msgs/msg/Image" for camera in CAMERAS}}
 STORE = get_typestore(Stores.ROS2_JAZZY)
-
-
-def configuration(mode, listen):
-    """Returns the configuration of a session that finds nothing by itself."""
-    config = zenoh.Config()
-    config.insert_json5("mode", f'"{mode}"')
-    config.insert_json5("listen/endpoints", f'["{listen}"]')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    return config
-
-
-def free_endpoint():
-    """Returns an endpoint on this computer that nothing listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def run(trinocular, *arguments, domain=str(DOMAIN)):

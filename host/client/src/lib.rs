@@ -9,9 +9,11 @@
 //! of its numbers can be true, [`diagnosis`] says what its states and faults mean. [`rest`] waits for
 //! the end of a motion, at most as long as its [`allowance`]. [`observer`] sees every byte on the
 //! line; [`tape`] records a twin's life for comparison. [`stage`] turns the rig file's stage into a
-//! configuration, [`shortened`] says where its soft limits shorten a jog.
+//! configuration, [`shortened`] says where its soft limits shorten a jog,
+//! [`below_step`] refuses one that is too short.
 
 pub mod allowance;
+pub mod below_step;
 pub mod bound;
 pub mod clock;
 pub mod conversation;
@@ -137,6 +139,14 @@ pub enum StationError {
         /// Program that has the port, if the system reports it.
         holder: Option<serial::Holder>,
     },
+    /// Another program has the serial port and does not let this one in or refuse it.
+    #[error("{path}: {}", silent_owner(.holder.as_ref()))]
+    OwnerSilent {
+        /// Path of the port.
+        path: String,
+        /// Program that has the port, if the system reports it.
+        holder: Option<serial::Holder>,
+    },
     /// The line broke, and no station has answered on it since.
     #[error(
         "{path}: the line is lost: {reason}; the station stops by itself when it hears no host"
@@ -216,6 +226,7 @@ impl StationError {
         match self {
             Self::Port { path, .. }
             | Self::Busy { path, .. }
+            | Self::OwnerSilent { path, .. }
             | Self::Lost { path, .. }
             | Self::Interrupted { path, .. }
             | Self::Restarted { path, .. } => Some(path),
@@ -266,6 +277,18 @@ fn in_use(holder: Option<&serial::Holder>) -> String {
                  program first"
                 .to_owned()
         }
+    }
+}
+
+fn silent_owner(holder: Option<&serial::Holder>) -> String {
+    match holder {
+        Some(serial::Holder { pid, command }) => format!(
+            "process {pid} (`{command}`) has the port and does not answer; it may be suspended: \
+             continue it (`fg` in its terminal, or `kill -CONT {pid}`) or end it (`kill -9 {pid}`)"
+        ),
+        None => "a program that has the port does not answer; it may be suspended: continue it \
+                 (`fg` in its terminal) or end it"
+            .to_owned(),
     }
 }
 

@@ -14,6 +14,8 @@
 //!
 //! The socket lies in a folder of the user's own with mode 0700, and is named after the port's real
 //! path. One that is left over from a crash refuses connections; it is replaced by the next owner.
+//! An owner that is suspended accepts a connection, because the system does that, and says nothing:
+//! then the port has an owner, and no second program opens it.
 //! Where there are no such sockets, the owner listens on the loopback address and writes its port
 //! number and a token to a file in the user's own folder.
 
@@ -23,7 +25,7 @@ mod system;
 
 pub(crate) use system::{Listener, Stream};
 
-use crate::serial::{Holder, TCP};
+use crate::serial::{Holder, TCP, owner_of};
 use std::io::{self, Read, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::path::{Path, PathBuf};
@@ -36,8 +38,11 @@ const VERSION: &str = "1";
 /// Longest introduction or reply, bytes.
 const LONGEST_LINE: usize = 1024;
 
-/// Timeout for the introduction or the reply.
-const PATIENCE: Duration = Duration::from_millis(500);
+/// Timeout for the introduction of a guest.
+const GUEST_PATIENCE: Duration = Duration::from_millis(500);
+
+/// Timeout for an owner's reply, which comes within a few ms.
+const OWNER_PATIENCE: Duration = Duration::from_secs(1);
 
 /// Polling period of a line that is not complete.
 const LOOK: Duration = Duration::from_millis(1);
@@ -82,13 +87,36 @@ pub(crate) enum Reception {
     Welcome(Stream, Holder),
     /// The owner refuses this purpose at present.
     Refused(Holder),
+    /// The owner has the port and does not answer. It is named where the system reports it.
+    Silent(Option<Holder>),
 }
 
-/// Asks the owner of `port` to let this program in. Returns `None` if the port has no owner that
-/// answers.
+/// Asks the owner of `port` to let this program in. Returns `None` if the port has no owner, or one
+/// that is about to leave.
 pub(crate) fn connect_to_owner(port: &str, purpose: Purpose) -> Option<Reception> {
-    let mut stream = system::connect(&socket(port).ok()?).ok()?;
-    stream.set_nonblocking(true).ok()?;
+    match ask_owner(&socket(port).ok()?, purpose) {
+        Ok(reception) => reception,
+        Err(Silence) => Some(Reception::Silent(owner_of(port))),
+    }
+}
+
+/// Silence of an owner for [`OWNER_PATIENCE`].
+struct Silence;
+
+fn ask_owner(socket: &Path, purpose: Purpose) -> Result<Option<Reception>, Silence> {
+    let Ok(mut stream) = system::connect(socket) else {
+        return Ok(None);
+    };
+    match introduce(&mut stream, purpose) {
+        Ok(reply) => Ok(reception(&reply, stream)),
+        Err(cause) if cause.kind() == io::ErrorKind::WouldBlock => Err(Silence),
+        Err(_) => Ok(None),
+    }
+}
+
+/// Introduces this program; returns the owner's reply.
+fn introduce(stream: &mut Stream, purpose: Purpose) -> io::Result<String> {
+    stream.set_nonblocking(true)?;
     let this = this_program();
     let line = format!(
         "trinocular {VERSION} {} {} {}",
@@ -96,8 +124,11 @@ pub(crate) fn connect_to_owner(port: &str, purpose: Purpose) -> Option<Reception
         this.pid,
         this.command
     );
-    write_line(&mut stream, &line).ok()?;
-    let reply = read_line(&mut stream).ok()?;
+    write_line(stream, &line)?;
+    read_line(stream, OWNER_PATIENCE)
+}
+
+fn reception(reply: &str, stream: Stream) -> Option<Reception> {
     let mut words = reply.splitn(3, ' ');
     let (verdict, pid, command) = (words.next()?, words.next()?, words.next()?);
     let holder = Holder {
@@ -115,7 +146,7 @@ pub(crate) fn connect_to_owner(port: &str, purpose: Purpose) -> Option<Reception
 pub(crate) fn introduction(listener: &Listener, stream: &mut Stream) -> io::Result<Guest> {
     listener.check(stream)?;
     stream.set_nonblocking(true)?;
-    let line = read_line(stream)?;
+    let line = read_line(stream, GUEST_PATIENCE)?;
     let mut words = line.splitn(5, ' ');
     let strange = || io::Error::new(io::ErrorKind::InvalidData, "no introduction");
     if words.next() != Some("trinocular") || words.next() != Some(VERSION) {
@@ -217,8 +248,8 @@ fn write_line(stream: &mut Stream, line: &str) -> io::Result<()> {
 }
 
 /// Reads up to the end of a line, byte by byte, because packets follow it.
-fn read_line(stream: &mut Stream) -> io::Result<String> {
-    let end = Instant::now() + PATIENCE;
+fn read_line(stream: &mut Stream, patience: Duration) -> io::Result<String> {
+    let end = Instant::now() + patience;
     let (mut line, mut byte) = (Vec::new(), [0]);
     while line.len() < LONGEST_LINE {
         match stream.read(&mut byte) {
@@ -268,6 +299,23 @@ mod tests {
         ] {
             assert_ne!(place(other), place("tcp://127.0.0.1:7600"), "{other}");
         }
+    }
+
+    /// The system accepts connections for a suspended owner.
+    #[test]
+    fn owner_that_says_nothing_is_named() {
+        let port = format!("tcp://owner-{}.test:1", std::process::id());
+        assert!(connect_to_owner(&port, Purpose::Watch).is_none());
+        let place = socket(&port).expect("a place");
+        let listener = Listener::bind(&place).expect("a socket");
+        let Some(Reception::Silent(holder)) = connect_to_owner(&port, Purpose::Watch) else {
+            panic!("it has an owner");
+        };
+        if cfg!(target_os = "linux") {
+            assert_eq!(holder.map(|holder| holder.pid), Some(std::process::id()));
+        }
+        drop(listener);
+        assert!(connect_to_owner(&port, Purpose::Watch).is_none());
     }
 
     #[test]

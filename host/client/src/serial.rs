@@ -13,6 +13,8 @@
 
 mod busy;
 mod connecting;
+mod deed;
+mod holder;
 mod line;
 mod port;
 mod repetition;
@@ -21,7 +23,10 @@ mod sharing;
 mod stop;
 mod terminal;
 
-pub use busy::{Holder, OtherHost, end_other_host};
+pub(crate) use busy::owner_of;
+pub use busy::{OtherHost, end_other_host};
+pub use deed::{Deed, in_words};
+pub use holder::Holder;
 pub(crate) use port::TCP;
 pub use sharing::Access;
 pub use stop::{Ending, Stopper, ending};
@@ -108,7 +113,7 @@ pub struct Serial {
     shared: Arc<Shared>,
     sender: Arc<Sender>,
     threads: Vec<JoinHandle<()>>,
-    cleared: Option<Fault>,
+    found: Option<Status>,
     is_zeroed: bool,
     /// True if the station ends with this program: then it needs no advice for later.
     ends_with_station: bool,
@@ -157,7 +162,13 @@ impl Serial {
 
     /// Returns the fault that was latched before [`Serial::start`] and cleared by it.
     pub fn cleared(&self) -> Option<Fault> {
-        self.cleared
+        self.found.and_then(|status| status.fault)
+    }
+
+    /// Returns the status at rest before [`Serial::start`], which has made the present position
+    /// zero.
+    pub fn found(&self) -> Option<Status> {
+        self.found
     }
 
     /// Waits until `got` returns a value from the client, at most until `end`; on a lost line,

@@ -18,6 +18,7 @@ export class Controls {
     on("reset", () => ({ reset: {} }));
     on("zero", () => ({ zero: {} }));
     on("home", () => ({ home: {} }));
+    on("motors", () => ({ motors_on: {} }));
     for (const button of document.querySelectorAll("[data-jog]")) {
       const way = button.dataset.jog.split(",").map(Number);
       button.addEventListener("click", () => {
@@ -78,7 +79,7 @@ export class Controls {
       this.isFollowing = state.following;
       this.isRecording = state.recording !== null;
     }
-    const isReady = Boolean(offers.motion && station && station.state === "idle");
+    const isReady = Boolean(offers.motion && station && station.state === "idle" && station.motors);
     const enable = (id, is) => {
       byId(id).disabled = !is;
     };
@@ -89,6 +90,10 @@ export class Controls {
     enable("zero", isReady && !this.isFollowing);
     enable("home", isReady && offers.home && !this.isFollowing);
     byId("home").title = offers.home ? "" : "the rig file names no home switch";
+    // A station without a configuration has no motors to switch.
+    const areOff = Boolean(station && !station.motors && station.state !== "unconfigured");
+    byId("motors").hidden = !areOff;
+    enable("motors", offers.motion && areOff && !this.isFollowing);
     enable("record", offers.record);
     byId("record").title = offers.record ? "" : "only --record records this run";
     byId("record").textContent = this.isRecording ? "End recording" : "Record";
@@ -96,8 +101,8 @@ export class Controls {
     if (state) byId("recording").textContent = state.recording ? `recording ${state.recording}` : "";
     enable("mark", offers.mark);
     enable("mark-text", offers.mark);
-    const canJog = offers.motion && !this.isFollowing &&
-      (station?.state === "idle" || station?.state === "moving");
+    const canJog = offers.motion && !this.isFollowing && station?.motors &&
+      (station.state === "idle" || station.state === "moving");
     for (const button of document.querySelectorAll("[data-jog]")) button.disabled = !canJog;
     byId("stop").disabled = !offers.stop;
   }

@@ -6,6 +6,9 @@ use std::fmt;
 /// Longest jog of a page, µm.
 pub const LONGEST_JOG_UM: i32 = 50_000;
 
+/// Farthest position of a page, µm from zero.
+pub const FARTHEST_UM: i32 = 2_000_000;
+
 /// Longest text of a mark, characters.
 pub const LONGEST_MARK: usize = 80;
 
@@ -37,10 +40,17 @@ pub enum Action {
         /// Distance per axis, µm.
         distance_um: [i32; 3],
     },
+    /// Moves the stage to a position, which must be known.
+    Go {
+        /// Position per axis, µm from zero.
+        position_um: [i32; 3],
+    },
     /// Makes the present position zero.
     Zero {},
     /// Finds the home switches.
     Home {},
+    /// Switches the motors on.
+    MotorsOn {},
     /// Starts or ends a recording.
     Record {
         /// True starts.
@@ -70,6 +80,16 @@ impl Action {
                     )),
                 }
             }
+            Self::Go { position_um } => {
+                let is_near = |um: &i32| um.unsigned_abs() <= FARTHEST_UM.unsigned_abs();
+                match position_um.iter().all(is_near) {
+                    true => Ok(()),
+                    false => Err(format!(
+                        "a position is at most {} mm from zero",
+                        FARTHEST_UM / 1000
+                    )),
+                }
+            }
             Self::Mark { text } if text.chars().count() > LONGEST_MARK => {
                 Err(format!("a mark has at most {LONGEST_MARK} characters"))
             }
@@ -83,7 +103,7 @@ impl Action {
 pub struct Offers {
     /// Stop.
     pub stop: bool,
-    /// Follow, jog, zero and reset: the run owns the station.
+    /// Follow, jog, go, zero, motors on and reset: the run owns the station.
     pub motion: bool,
     /// Home: an axis has a home switch.
     pub home: bool,
@@ -177,13 +197,18 @@ mod tests {
     }
 
     #[test]
-    fn long_jog_and_long_mark_are_refused() {
+    fn values_out_of_range_are_refused() {
         let jog = |um| Action::Jog {
             distance_um: [0, um, 0],
         };
         assert!(jog(LONGEST_JOG_UM).check().is_ok());
         assert!(jog(-LONGEST_JOG_UM - 1).check().is_err());
         assert!(jog(i32::MIN).check().is_err());
+        let go = |um| Action::Go {
+            position_um: [um, 0, 0],
+        };
+        assert!(go(FARTHEST_UM).check().is_ok());
+        assert!(go(i32::MIN).check().is_err());
         let text = "x".repeat(LONGEST_MARK + 1);
         assert!(Action::Mark { text }.check().is_err());
     }

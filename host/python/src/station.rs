@@ -10,6 +10,7 @@ use serde_json::json;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use trinocular_client::allowance::Allowance;
+use trinocular_client::below_step::check_steps;
 use trinocular_client::rest::{self, RestWatch};
 use trinocular_client::serial::Serial;
 use trinocular_client::stage::{configuration_at, setpoint};
@@ -240,6 +241,9 @@ impl Station {
 
     fn jog(&self, py: Python<'_>, distance_mm: [f64; 3], wait: bool) -> PyResult<()> {
         let distance_um = distance_mm.map(|mm| (mm * 1e3).round() as i32);
+        if let Some(stage) = &self.stage {
+            check_steps(stage, distance_um).map_err(value)?;
+        }
         self.start(py, "jog", Command::Jog { distance_um }, false)?;
         match wait {
             true => self.until_rest(py, self.allowance(distance_mm)),

@@ -26,6 +26,12 @@ def test_jog_moves_and_zero_counts_from_here(station):
     assert station.position_mm == [0.5, 0.0, 0.25]
 
 
+def test_jog_below_a_step_is_refused(station):
+    with pytest.raises(ValueError, match="y=0.006 is less than half a step"):
+        station.jog(x=1, y=0.006)
+    assert station.position_mm == [0, 0, 0]
+
+
 def test_stop_from_another_thread_ends_a_jog(station):
     timer = threading.Timer(0.2, station.stop)
     timer.start()

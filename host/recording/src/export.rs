@@ -101,7 +101,7 @@ pub struct Row {
     pub points: usize,
     /// Number of points left out.
     pub rejected: u64,
-    /// Position of the stage after the answer, mm.
+    /// Position of the stage at the capture, mm.
     pub stage_mm: [f64; 3],
     /// Time from the capture to the first step that it could change, µs.
     pub latency_us: u32,
@@ -149,6 +149,7 @@ impl Table {
     /// [`InputError`] if the file is damaged or holds no measurements.
     pub fn read(source: &Source) -> Result<Self, InputError> {
         let mut rows = Vec::new();
+        let mut seen = Vec::new();
         let mut channels = Channels::default();
         let mut records = source.records();
         for record in records.by_ref() {
@@ -156,6 +157,9 @@ impl Table {
             let Some(message) = channels.message(file, record) else {
                 continue;
             };
+            if let Some(topic) = Topic::ALL.into_iter().find(|topic| topic.is_of(&message)) {
+                seen.push(topic);
+            }
             if Topic::Measurement.is_of(&message) {
                 let measurement = Measurement::decode(&message.data).map_err(|fault| {
                     let reason = format!("a measurement is malformed: {fault}");
@@ -166,13 +170,39 @@ impl Table {
         }
         let cut = records.cut().cloned();
         match rows.is_empty() {
-            true => {
-                let reason = "holds no measurements; only recordings of this program do";
-                Err(InputError::file(source.path(), reason))
-            }
+            true => Err(without_rows(source, &seen, cut.as_ref())),
             false => Ok(Self { rows, cut }),
         }
     }
+}
+
+/// Returns the error for a file without measurements: its content, and the parts that are missing.
+/// `seen` has the topic of each message of this program.
+fn without_rows(source: &Source, seen: &[Topic], cut: Option<&InputError>) -> InputError {
+    let mut topics: Vec<Topic> = seen.to_vec();
+    topics.sort_unstable();
+    topics.dedup();
+    let counts = topics.iter().map(|topic| {
+        let count = seen.iter().filter(|other| *other == topic).count();
+        format!("{count} on {}", topic.name())
+    });
+    let counts: Vec<String> = counts.collect();
+    let reason = match (counts.is_empty(), cut) {
+        (true, None) => "holds no measurements; only recordings of this program do".to_owned(),
+        (true, Some(cut)) => format!(
+            "holds no measurement and no other message: it {}",
+            cut.reason
+        ),
+        (false, cut) => {
+            let why = match cut {
+                Some(_) => "it was cut off before its first frame set",
+                None => "no images were followed while it was recorded",
+            };
+            let counts = counts.join(", ");
+            format!("holds messages ({counts}), but no measurement on /measurement: {why}")
+        }
+    };
+    InputError::file(source.path(), reason)
 }
 
 #[cfg(test)]

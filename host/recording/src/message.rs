@@ -174,7 +174,7 @@ pub struct Measurement {
     pub rejects: Vec<(String, u32)>,
     /// Cameras left out, from 0, each with its reason.
     pub absent: Vec<(u8, String)>,
-    /// Position of the stage after the answer, mm.
+    /// Position of the stage at the capture, mm.
     pub stage_mm: [f64; 3],
     /// The station's own estimate, mm.
     pub station_mm: [f64; 3],

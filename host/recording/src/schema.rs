@@ -109,7 +109,8 @@ uint32[] reject_counts
 # Cameras left out, from 0, each with its reason.
 uint8[] absent
 string[] absent_reasons
-# Position of the stage after the answer, mm.
+# Position of the stage at the capture, mm; in recordings whose metadata have no stage_mm, after the
+# answer.
 float64[3] stage_mm
 # The station's own estimate, mm. Zeros without one.
 float64[3] station_mm

@@ -100,9 +100,12 @@ impl Opened {
     }
 
     fn introduce(&mut self, settings: &Settings) -> Result<(), McapError> {
+        let mut origin = settings.origin.clone();
+        let (name, text) = topic::STAGE;
+        origin.insert(name.to_owned(), text.to_owned());
         self.writer.write_metadata(&Metadata {
             name: topic::ORIGIN.to_owned(),
-            metadata: settings.origin.clone(),
+            metadata: origin,
         })?;
         self.writer.attach(&Attachment {
             log_time: settings.epoch_us * 1_000,

@@ -6,6 +6,10 @@ use crate::schema::{self, Schema};
 /// Name of the metadata with the origin of the run.
 pub const ORIGIN: &str = "trinocular";
 
+/// Entry of [`ORIGIN`] that says when the stage was where a measurement says. Recordings from before
+/// it have the position after the station's answer.
+pub const STAGE: (&str, &str) = ("stage_mm", "at the capture");
+
 /// Name of the metadata with the counts at the end.
 pub const END: &str = "trinocular.end";
 

@@ -13,6 +13,7 @@
 //! distortion = [0.0, 0.0, 0.0, 0.0, 0.0] # OpenCV's k1 k2 p1 p2 k3, or also k4 k5 k6;
 //!                                       # optional, default 0
 //! rotation_deg = [0.0, 0.0, 0.0]        # about the rig's x, y, z; optional, default 0
+//! device = "genicam:GV01"               # and settings of the camera; optional, see `Capture`
 //!
 //! [stage]                               # optional; see `Stage`
 //!
@@ -24,8 +25,8 @@
 //! need not be exactly parallel.
 //!
 //! Unknown, missing and impossible fields are refused with file, line and name of the field. Only
-//! distortion, rotations, pivot, the trigger's polarity and exposure, and the fields of [`Care`]
-//! have defaults, because a stage with a guessed rig may run away.
+//! distortion, rotations, pivot, the trigger's polarity and exposure, and the fields of [`Capture`]
+//! and [`Care`] have defaults, because a stage with a guessed rig may run away.
 //!
 //! *Invariant:* a `RigFile` from [`RigFile::read`] or [`RigFile::parse`] obeys every rule stated on
 //! its fields, and cameras named left, middle and right stand in this order.
@@ -42,6 +43,7 @@ use crate::output::{Output, Replace};
 use crate::pivot::Pivot;
 use field::{Field, Source};
 
+pub mod capture;
 mod care;
 mod doubt;
 pub mod edit;
@@ -52,6 +54,7 @@ mod stage;
 pub mod template;
 mod trigger;
 
+pub use capture::Capture;
 pub use care::{Care, HomeSwitch};
 pub use lens::{NOT_A_LENS, can_undistort, focal_fault};
 pub use stage::{Driver, Stage, along_stage};
@@ -86,6 +89,16 @@ const CAMERA_FIELDS: [(&str, &str); 4] = [
     ("offset_mm", "offset_mm = [-30.0, 0.0]"),
 ];
 
+/// Fields of a camera that describe its lens and its place.
+const LENS_FIELDS: [&str; 6] = [
+    "name",
+    "focal_px",
+    "principal_px",
+    "offset_mm",
+    "distortion",
+    "rotation_deg",
+];
+
 /// Required arrangement of the cameras.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Shape {
@@ -118,6 +131,8 @@ pub struct RigFile {
     pub stage: Option<Stage>,
     /// Pivot of a target whose rotation is estimated; `None` if a target that turns is refused.
     pub pivot: Option<Pivot>,
+    /// Devices and their settings in the order of the cameras; empty if no camera has any.
+    pub capture: Vec<Capture>,
     /// Triggers of the cameras, if the station gives them.
     pub trigger: Option<Trigger>,
 }
@@ -130,6 +145,7 @@ impl RigFile {
             rig: Rig::paper(),
             stage: None,
             pivot: None,
+            capture: Vec::new(),
             trigger: None,
         }
     }
@@ -201,7 +217,7 @@ impl RigFile {
         let image_size_px = root
             .required("image_size_px")?
             .each(|side| side.whole(IMAGE_SIDE_PX))?;
-        let (names, cameras) = cameras(&root.required("camera")?, image_size_px, shape)?;
+        let (names, cameras, capture) = cameras(&root.required("camera")?, image_size_px, shape)?;
         let stage = match root.optional("stage")? {
             Some(section) => Some(Stage::read(&section)?),
             None => None,
@@ -219,6 +235,7 @@ impl RigFile {
             },
             stage,
             pivot: pivot::read(&root)?,
+            capture,
             trigger,
         })
     }
@@ -227,7 +244,7 @@ impl RigFile {
     pub fn to_toml(&self) -> String {
         let mut text = format!("image_size_px = {:?}\n", self.rig.image_size_px);
         pivot::write_toml(self.pivot, &mut text);
-        for (name, camera) in self.names.iter().zip(&self.rig.cameras) {
+        for (index, (name, camera)) in self.names.iter().zip(&self.rig.cameras).enumerate() {
             let name = toml::Value::from(name.as_str());
             let _ = write!(text, "\n[[camera]]\nname = {name}\n");
             let _ = writeln!(text, "focal_px = {:?}", camera.focal_px);
@@ -238,6 +255,9 @@ impl RigFile {
             }
             if camera.rotation != Rotation::NONE {
                 let _ = writeln!(text, "rotation_deg = {:?}", camera.rotation.degrees());
+            }
+            if let Some(capture) = self.capture.get(index) {
+                capture.write_toml(&mut text);
             }
         }
         if let Some(stage) = &self.stage {
@@ -266,13 +286,12 @@ impl RigFile {
     }
 }
 
+/// Names, lenses and places, and devices of the cameras.
+type Cameras = (Vec<String>, Vec<Camera>, Vec<Capture>);
+
 /// Reads the `[[camera]]` tables: checks each of them, then the rules between them, then sorts
 /// them.
-fn cameras(
-    list: &Field<'_>,
-    image_size_px: [u32; 2],
-    shape: Shape,
-) -> Result<(Vec<String>, Vec<Camera>), InputError> {
+fn cameras(list: &Field<'_>, image_size_px: [u32; 2], shape: Shape) -> Result<Cameras, InputError> {
     let tables = list.elements()?;
     if !(2..=MAX_CAMERAS).contains(&tables.len()) {
         let count = tables.len();
@@ -281,15 +300,9 @@ fn cameras(
         )));
     }
     let mut read: Vec<(String, Camera)> = Vec::with_capacity(tables.len());
+    let mut capture = Vec::with_capacity(tables.len());
     for table in &tables {
-        table.only(&[
-            "name",
-            "focal_px",
-            "principal_px",
-            "offset_mm",
-            "distortion",
-            "rotation_deg",
-        ])?;
+        table.only(&[&LENS_FIELDS[..], &capture::KEYS].concat())?;
         table.require(&CAMERA_FIELDS)?;
         let name = table.required("name")?;
         let given = folder_name(&name)?;
@@ -308,6 +321,10 @@ fn cameras(
             }
         }
         read.push((given.to_owned(), camera));
+        capture.push(Capture::read(table)?);
+    }
+    if capture.iter().all(|capture| *capture == Capture::default()) {
+        capture.clear();
     }
     let places = TRINOCULAR.map(|wanted| read.iter().position(|(name, _)| name == wanted));
     if let [Some(left), Some(middle), Some(right)] = places {
@@ -329,7 +346,10 @@ fn cameras(
             if shape == Shape::Line {
                 in_line([&tables[left], &tables[right]], &rig)?;
             }
-            return Ok((TRINOCULAR.map(String::from).to_vec(), ordered.to_vec()));
+            let order = [left, middle, right].into_iter();
+            let capture = order.filter_map(|k| capture.get(k).cloned()).collect();
+            let names = TRINOCULAR.map(String::from).to_vec();
+            return Ok((names, ordered.to_vec(), capture));
         }
     }
     if shape == Shape::Line {
@@ -339,7 +359,8 @@ fn cameras(
             found.join(", ")
         )));
     }
-    Ok(read.into_iter().unzip())
+    let (names, cameras) = read.into_iter().unzip();
+    Ok((names, cameras, capture))
 }
 
 /// Refuses cameras at different heights, because the paper's pairs share their image rows. `rig`

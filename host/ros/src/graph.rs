@@ -1,4 +1,4 @@
-//! Key expressions, liveliness tokens and identifiers of a node and its publishers.
+//! Key expressions, liveliness tokens and identifiers of a node, its publishers and subscriptions.
 //!
 //! ```text
 //! key    DOMAIN/TOPIC/TYPE/HASH
@@ -76,9 +76,19 @@ impl Node {
     /// Returns the token of the node's publisher with this number, which is unique within the
     /// session and not 0.
     pub fn publisher_token(&self, number: u32, topic: &Topic) -> String {
+        self.endpoint(number, "MP", topic)
+    }
+
+    /// Returns the token of the node's subscription with this number, which is unique within the
+    /// session and not 0.
+    pub fn subscription_token(&self, number: u32, topic: &Topic) -> String {
+        self.endpoint(number, "MS", topic)
+    }
+
+    fn endpoint(&self, number: u32, kind: &str, topic: &Topic) -> String {
+        let entity = self.entity(number, kind);
         let name = topic.name.replace('/', "%");
         let (kind, hash) = (topic.message_type.dds_name(), topic.message_type.hash);
-        let entity = self.entity(number, "MP");
         format!("{entity}/{name}/{kind}/{hash}/{QOS}")
     }
 
@@ -118,6 +128,8 @@ mod tests {
         assert_eq!(node.token(), format!("{session}/0/NN/%/%/talker"));
         let expected = format!("{session}/10/MP/%/%/talker/%chatter/{kind}/{QOS}");
         assert_eq!(node.publisher_token(10, &topic), expected);
+        let expected = expected.replace("/MP/", "/MS/");
+        assert_eq!(node.subscription_token(10, &topic), expected);
     }
 
     #[test]

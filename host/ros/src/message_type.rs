@@ -40,3 +40,24 @@ pub const IMAGE: MessageType = MessageType {
     name: "Image",
     hash: "RIHS01_d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47",
 };
+
+/// Nothing: a command without a value.
+pub const EMPTY: MessageType = MessageType {
+    package: "std_msgs",
+    name: "Empty",
+    hash: "RIHS01_20b625256f32d5dbc0d04fee44f43c41e51c70d3502f84b4a08e7a9c26a96312",
+};
+
+/// True or false.
+pub const BOOL: MessageType = MessageType {
+    package: "std_msgs",
+    name: "Bool",
+    hash: "RIHS01_feb91e995ff9ebd09c0cb3d2aed18b11077585839fb5db80193b62d74528f6c9",
+};
+
+/// Point in a frame.
+pub const POINT: MessageType = MessageType {
+    package: "geometry_msgs",
+    name: "PointStamped",
+    hash: "RIHS01_4c0296af86e01e562e9e0405d138a01537247580076c58ea38d7923ac1045897",
+};

@@ -1,7 +1,7 @@
-//! Publisher of a run, on a thread of its own.
+//! Publisher of a run, on a thread of its own, and the commands that come back.
 //!
 //! ```text
-//! loop -> Feed -> queue, bounded by bytes -> thread -> Zenoh session
+//! loop -> Feed -> queue, bounded by bytes -> thread -> Zenoh session -> CommandSink
 //! ```
 //!
 //! *Invariant:* a run in real time never waits for the network. What does not fit the queue is
@@ -9,6 +9,7 @@
 
 mod outlet;
 
+use crate::command::{Command, CommandFault, CommandTopic};
 use crate::name::SameName;
 use outlet::Outlet;
 use std::io;
@@ -26,8 +27,12 @@ pub const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 /// Longest time that the thread waits for the next frame set.
 const PATIENCE: Duration = Duration::from_millis(200);
 
+/// Taker of the commands of nodes, or of the reason for which a message is none. It is called on a
+/// thread of the session and must not wait.
+pub type CommandSink = Arc<dyn Fn(CommandTopic, Result<Command, CommandFault>) + Send + Sync>;
+
 /// Settings of a publisher.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Settings {
     /// Endpoint of the Zenoh router, such as `tcp/127.0.0.1:7447`.
     pub endpoint: String,
@@ -37,6 +42,8 @@ pub struct Settings {
     pub cameras: Vec<String>,
     /// Behaviour if the network is too slow.
     pub pace: Pace,
+    /// Taker of commands; without one there are no topics of commands.
+    pub commands: Option<CommandSink>,
 }
 
 /// Reason for which nothing can be published.

@@ -23,6 +23,10 @@ use trinocular_rig::rig_file::{RigFile, Stage};
 /// Timeout for a stage to come to rest.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
 
+/// Advice after a stop that another program's hold on the port has kept back.
+const UNSENT: &str = "no stop was sent: if the stage moves, press the emergency stop or the board's \
+                      button";
+
 /// Polling period of a stage in motion.
 const LOOK: Duration = Duration::from_millis(10);
 
@@ -127,7 +131,13 @@ impl Hand {
 
     /// Connects as [`Hand::connect_to_any`] does, and stops the stage with the first packets.
     pub fn connect_and_stop(argument: &PortArgument) -> Result<Self, Failure> {
-        Self::connect_by(argument, Serial::connect_and_stop)
+        let connected = Self::connect_by(argument, Serial::connect_and_stop);
+        connected.map_err(|failure| match failure {
+            Failure::Station(failure) if failure.is_of_owner() => {
+                Failure::Station(failure.with_next(Some(UNSENT)))
+            }
+            failure => failure,
+        })
     }
 
     fn connect_by(
@@ -234,13 +244,15 @@ impl Hand {
     }
 
     /// Waits until the stage stands. A signal stops it on a ramp, and so does the end of the
-    /// motion's allowance. `watch` gets every status meanwhile. Returns the last status, and true
-    /// if a signal came.
+    /// motion's allowance. `watch` gets every status meanwhile.
+    ///
+    /// # Errors
+    /// If the place where the stage stands does not become known.
     pub fn wait_for_rest(
         &mut self,
         allowance: Allowance,
         mut watch: impl FnMut(&Status),
-    ) -> Result<(Status, bool), Failure> {
+    ) -> Result<Rest, Failure> {
         let mut interrupted = false;
         let mut motion = RestWatch::begin(allowance, Instant::now());
         loop {
@@ -250,19 +262,40 @@ impl Hand {
             }
             let status = match self.serial.fresh_status(true) {
                 Err(StationError::Cancelled) => continue,
+                Err(error @ StationError::StoppedByOther { .. }) => {
+                    return self.rest_after(error);
+                }
                 status => status.map_err(|error| self.failed(error))?,
             };
             match motion.is_over(Instant::now(), &status) {
-                Ok(true) => return Ok((status, interrupted)),
-                Ok(false) => watch(&status),
-                Err(error) => {
-                    if matches!(error, StationError::Overdue { .. }) {
-                        self.stop()?;
-                    }
-                    return Err(self.failed(error));
+                Ok(true) => {
+                    let end = match interrupted {
+                        true => End::Interrupted,
+                        false => End::Own,
+                    };
+                    return Ok(Rest { status, end });
                 }
+                Ok(false) => watch(&status),
+                Err(error @ StationError::Overdue { .. }) => {
+                    self.stop()?;
+                    return self.rest_after(error);
+                }
+                Err(error) => return Err(self.failed(error)),
             }
             std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Waits for the end of the ramp of a stop, which came because of `error`.
+    fn rest_after(&mut self, error: StationError) -> Result<Rest, Failure> {
+        let stands = self.serial.until_rest();
+        stands.map_err(|error| self.failed(error))?;
+        match self.serial.status() {
+            Some(status) => {
+                let end = End::Error(error);
+                Ok(Rest { status, end })
+            }
+            None => Err(self.failed(error)),
         }
     }
 
@@ -302,18 +335,36 @@ pub fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     interruption::watch().map_err(Failure::Signals)
 }
 
+/// Stage that stands after a motion.
+pub struct Rest {
+    /// Status of the station at rest.
+    pub status: Status,
+    end: End,
+}
+
+/// End of a motion.
+enum End {
+    /// By itself, by a fault, or by a stop that did not go through this program.
+    Own,
+    /// By a signal.
+    Interrupted,
+    /// By a stop with this reason.
+    Error(StationError),
+}
+
 /// Returns the failure behind a motion that did not end by itself.
-pub fn why_it_stands(hand: &Hand, end: &Status, interrupted: bool) -> Result<(), Failure> {
-    if rest::ended(end, hand.port()).map_err(|error| hand.failed(error))? {
-        let who = if interrupted {
-            "interrupted"
-        } else {
-            "stopped by another command"
-        };
-        let next = diagnosis::state(end.state).action;
-        return Err(Failure::Station(format!("{who}; next: {next}").into()));
-    }
-    Ok(())
+pub fn why_it_stands(hand: &Hand, rest: Rest) -> Result<(), Failure> {
+    let Rest { status, end } = rest;
+    let is_stopped = rest::ended(&status, hand.port()).map_err(|error| hand.failed(error))?;
+    let who = match end {
+        End::Error(error @ StationError::Overdue { .. }) => return Err(hand.failed(error)),
+        End::Error(error) => error.to_string(),
+        End::Interrupted if is_stopped => "interrupted".to_owned(),
+        End::Own if is_stopped => "stopped by another command".to_owned(),
+        End::Interrupted | End::Own => return Ok(()),
+    };
+    let next = diagnosis::state(status.state).action;
+    Err(Failure::Station(format!("{who}; next: {next}").into()))
 }
 
 /// Formats a position in whole steps, and in mm if the stage is known.

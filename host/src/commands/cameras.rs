@@ -1,5 +1,7 @@
-//! Live cameras by their names on the command line: V4L2 devices, or those that `trinocular twin`
-//! simulates.
+//! Live cameras by their names on the command line or in the rig file: V4L2 devices, GenICam
+//! cameras, or those that `trinocular twin` simulates.
+
+mod genicam;
 
 use crate::commands::failure::Failure;
 use std::path::{Path, PathBuf};
@@ -7,11 +9,14 @@ use trinocular_client::ports;
 use trinocular_live::DropSource;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
-use trinocular_rig::rig_file::RigFile;
+use trinocular_rig::rig_file::{Capture, RigFile};
 use trinocular_vision::images::cameras::live::{Camera, LiveCameras, Tally};
 
+/// Stands on the command line for the devices that the rig file names.
+const RIG: &str = "rig";
+
 /// Returns one device for each camera of the rig file, in its order. `twin` stands for all cameras
-/// of a simulated station.
+/// of a simulated station, `rig` for the devices that the rig file names.
 pub fn per_camera(
     devices: &[PathBuf],
     rig: &RigFile,
@@ -21,6 +26,7 @@ pub fn per_camera(
     let is_simulated = |device: &PathBuf| simulated_station(device).is_some();
     let devices = match devices {
         [one] if is_simulated(one) => vec![one.clone(); names.len()],
+        [one] if one.as_os_str() == RIG => named_by_rig(rig, rig_path)?,
         _ => devices.to_vec(),
     };
     if devices.len() != names.len() {
@@ -36,6 +42,19 @@ pub fn per_camera(
         refuse_doubles(&devices, names)?;
     }
     Ok(devices)
+}
+
+fn named_by_rig(rig: &RigFile, rig_path: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let devices = rig.names.iter().enumerate().map(|(index, name)| {
+        let device = rig.capture.get(index).and_then(|it| it.device.as_ref());
+        let device = device.map(PathBuf::from);
+        device.ok_or_else(|| {
+            let reason = "missing, but --cameras rig needs it; for example `device = \
+                          \"genicam:SERIAL\"` (`trinocular cameras` lists the devices)";
+            genicam::fault(rig_path, name, "device", reason)
+        })
+    });
+    devices.collect()
 }
 
 /// Refuses one device for two cameras, even if different names or links lead to it.
@@ -56,15 +75,34 @@ fn refuse_doubles(devices: &[PathBuf], names: &[String]) -> Result<(), Failure> 
     Ok(())
 }
 
-/// Opens the cameras, in the rig's order, and then prints the formats of V4L2 cameras.
+/// Opens the cameras, in the rig's order, and then prints the formats of real cameras.
 ///
-/// `fps` is the rate that V4L2 cameras are set to.
-pub fn open(devices: &[PathBuf], rig: &RigFile, fps: f64) -> Result<Vec<Box<dyn Camera>>, Failure> {
+/// `fps` is the rate that real cameras without a trigger are set to.
+pub fn open(
+    devices: &[PathBuf],
+    (rig, rig_path): (&RigFile, &Path),
+    fps: f64,
+) -> Result<Vec<Box<dyn Camera>>, Failure> {
     let size_px = rig.rig.image_size_px;
+    let default = Capture::default();
+    let capture = |index: usize| rig.capture.get(index).unwrap_or(&default);
+    for (index, (device, name)) in devices.iter().zip(&rig.names).enumerate() {
+        // A rig file serves its real cameras and their simulation.
+        if simulated_station(device).is_none() && !genicam::is_one(device) {
+            genicam::refuse_settings(capture(index), name, rig_path)?;
+        }
+    }
     let opened = devices.iter().zip(&rig.names).enumerate();
-    let opened = opened.map(|(index, (device, name))| match simulated_station(device) {
-        Some(link) => Ok((simulated(&link, device, index, size_px)?, None)),
-        None => real(fps, device, name, size_px).map(|(camera, format)| (camera, Some(format))),
+    let opened = opened.map(|(index, (device, name))| {
+        let (camera, format) = match simulated_station(device) {
+            Some(link) => return Ok((simulated(&link, device, index, size_px)?, None)),
+            None if genicam::is_one(device) => {
+                let settings = (capture(index), rig_path);
+                genicam::open(fps, device, name, settings, size_px)?
+            }
+            None => real(fps, device, name, size_px)?,
+        };
+        Ok((camera, Some(format)))
     });
     let opened: Vec<_> = opened.collect::<Result<_, Failure>>()?;
     let mut cameras = Vec::new();
@@ -122,6 +160,21 @@ fn simulated(_: &Path, device: &Path, _: usize, _: [u32; 2]) -> Result<Box<dyn C
     Err(InputError::file(device, reason).into())
 }
 
+/// Returns the receiver of the source of a camera's time stamps, which prints it.
+#[cfg(any(feature = "genicam", all(feature = "camera", target_os = "linux")))]
+fn tell_source(
+    name: &str,
+    device: &Path,
+) -> impl FnMut(trinocular_vision::images::cameras::stamp::Source) + Send + 'static {
+    use trinocular_vision::images::cameras::stamp::Source;
+
+    let who = format!("{name} ({})", device.display());
+    move |source| match source {
+        Source::Driver(_) | Source::Device => notice!("{who}: {source}"),
+        Source::Arrival(_) => notice!("warning: {who}: {source}"),
+    }
+}
+
 /// Opens a V4L2 camera; returns it with its format.
 #[cfg(all(feature = "camera", target_os = "linux"))]
 fn real(
@@ -131,13 +184,8 @@ fn real(
     size_px: [u32; 2],
 ) -> Result<(Box<dyn Camera>, String), Failure> {
     use trinocular_vision::images::cameras::device::V4l2;
-    use trinocular_vision::images::cameras::stamp::Source;
 
-    let who = format!("{name} ({})", device.display());
-    let notice = Box::new(move |source: Source| match source {
-        Source::Driver(_) => notice!("{who}: {source}"),
-        Source::Arrival(_) => notice!("warning: {who}: {source}"),
-    });
+    let notice = Box::new(tell_source(name, device));
     let camera = V4l2::open(device, size_px, fps, notice)?;
     let format = format!("{:?}", camera.format());
     Ok((Box::new(camera), format))
@@ -145,7 +193,7 @@ fn real(
 
 #[cfg(not(all(feature = "camera", target_os = "linux")))]
 fn real(_: f64, device: &Path, _: &str, _: [u32; 2]) -> Result<(Box<dyn Camera>, String), Failure> {
-    let reason = "this program was built without live cameras: build it on Linux with \
+    let reason = "this program was built without V4L2 cameras: build it on Linux with \
                   `cargo build --release --features trinocular/camera`";
     Err(InputError::file(device, reason).into())
 }

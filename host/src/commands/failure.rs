@@ -157,6 +157,17 @@ enum StationReason {
 }
 
 impl StationFailure {
+    /// Returns true if another program has the port, so that nothing was sent to the station.
+    pub fn is_of_owner(&self) -> bool {
+        match &self.reason {
+            StationReason::Error(error) => matches!(
+                **error,
+                StationError::Busy { .. } | StationError::OwnerSilent { .. }
+            ),
+            StationReason::Text(_) => false,
+        }
+    }
+
     /// Adds the operator's next action, if there is one.
     #[must_use]
     pub fn with_next(self, next: Option<&str>) -> Self {

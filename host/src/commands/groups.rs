@@ -23,6 +23,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
         "Set up",
         &[
             "init",
+            "cameras",
             "calibrate",
             "convert",
             "align",

@@ -68,10 +68,11 @@ pub fn run(options: &HomeOptions, out: &mut impl Write) -> Result<(), Failure> {
     let allowance = stage.as_ref().map_or(Allowance::UNKNOWN, |stage| {
         Allowance::of_homing(stage, axes)
     });
-    let (end, stopping) = hand.wait_for_rest(allowance, |_| {})?;
+    let rest = hand.wait_for_rest(allowance, |_| {})?;
+    let end = rest.status;
     drop(progress);
     tell(options, &end, stage.as_ref(), out)?;
-    why_it_stands(&hand, &end, stopping)?;
+    why_it_stands(&hand, rest)?;
     if end.state == State::Idle && end.trust != Trust::Homed {
         notice!(
             "the axes without a home switch are not known yet: `zero` makes the present position \

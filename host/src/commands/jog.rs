@@ -11,6 +11,7 @@ use crate::commands::failure::Failure;
 use clap::Args;
 use serde_json::json;
 use trinocular_client::allowance::Allowance;
+use trinocular_client::below_step::check_steps;
 use trinocular_client::diagnosis;
 use trinocular_client::shortened::{Shortened, shortened};
 use trinocular_core::frame::message::{Command, Status};
@@ -32,7 +33,8 @@ const NAMES: [char; 3] = ['x', 'y', 'z'];
 /// move, which is reported. Ctrl-C stops the stage on a ramp.
 ///
 /// Give the --rig that the station was configured with: only with it the command can report mm, and
-/// that a soft limit has shortened the move. The station itself reports steps.
+/// that a soft limit has shortened the move. The station itself reports steps. With it a distance of
+/// less than half a step is refused, and nothing moves; the exit code is then 2.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct JogOptions {
@@ -136,6 +138,10 @@ fn along_axes(distances: &[Distance]) -> Result<[i32; 3], Failure> {
 pub fn run(options: &JogOptions, out: &mut impl Write) -> Result<(), Failure> {
     let distance_um = along_axes(&options.distances)?;
     let stage = options.stage.read()?;
+    if let Some(stage) = &stage {
+        let check = check_steps(stage, distance_um);
+        check.map_err(|below| Failure::Usage(below.to_string()))?;
+    }
     let mut hand = Hand::connect(&options.port)?;
     let before = hand.ready_to_move("jog", stage.is_some())?;
     hand.configure(stage.as_ref(), &options.stage)?;
@@ -152,16 +158,16 @@ pub fn run(options: &JogOptions, out: &mut impl Write) -> Result<(), Failure> {
     let allowance = stage.as_ref().map_or(Allowance::UNKNOWN, |stage| {
         Allowance::of_distance(stage, distance_um.map(|um| f64::from(um) * 1e-3))
     });
-    let (end, stopping) = hand.wait_for_rest(allowance, watch)?;
+    let rest = hand.wait_for_rest(allowance, watch)?;
     drop(progress);
     let jog = Jog {
         distance_um,
         before,
-        end,
+        end: rest.status,
         stage: stage.as_ref(),
     };
     jog.tell(options, out)?;
-    why_it_stands(&hand, &end, stopping)?;
+    why_it_stands(&hand, rest)?;
     jog.warn();
     Ok(())
 }
@@ -220,6 +226,17 @@ impl Jog<'_> {
     /// Reports that soft limits shortened the move, or that this cannot be known.
     fn warn(&self) {
         if self.stage.is_none() {
+            let asked = self
+                .distance_um
+                .into_iter()
+                .zip(self.moved_steps())
+                .zip(NAMES);
+            for ((_, _), name) in asked.filter(|((um, steps), _)| *um != 0 && *steps == 0) {
+                notice!(
+                    "{name} did not move: its distance is less than half a step, or a soft limit \
+                     is in the way"
+                );
+            }
             notice!(
                 "a soft limit may have shortened the move: with --rig RIG.toml this command \
                  reports that, and mm"

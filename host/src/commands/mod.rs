@@ -33,6 +33,7 @@ mod home;
 mod init;
 mod jog;
 mod json;
+mod list_cameras;
 mod live_page;
 mod man;
 mod motors;
@@ -60,6 +61,7 @@ mod twin;
 mod verify;
 mod version;
 mod warnings;
+mod zenoh;
 mod zero;
 
 /// Visual servo for three-dimensional motion: parallel cameras watch a target, a stage follows it.
@@ -114,6 +116,7 @@ enum Command {
     Bench(bench::BenchOptions),
     Calibrate(calibrate::CalibrateOptions),
     CalibrateStage(calibrate_stage::CalibrateStageOptions),
+    Cameras(list_cameras::CamerasOptions),
     Completions(completions::CompletionsOptions),
     Convert(convert::ConvertOptions),
     Diagnose(diagnose::DiagnoseOptions),
@@ -166,6 +169,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Align(options)) => align::run(&options, out),
         Some(Command::Calibrate(options)) => calibrate::run(&options, out),
         Some(Command::CalibrateStage(options)) => calibrate_stage::run(&options, out),
+        Some(Command::Cameras(options)) => list_cameras::run(&options, out),
         Some(Command::Completions(options)) => completions::run(&options, out),
         Some(Command::Convert(options)) => convert::run(&options, out),
         Some(Command::Bench(options)) => bench::run(&options, out),

@@ -85,7 +85,10 @@ pub fn run(options: &ReplayOptions, out: &mut impl Write) -> Result<(), Failure>
     out.flush()?;
     let is_empty = |(_, comparison): (_, &Comparison)| comparison.same + comparison.different == 0;
     if replayed.comparisons().into_iter().all(is_empty) {
-        let reason = "holds nothing to compare: it was cut off before its first frame set";
+        let reason = match replayed.cut {
+            Some(_) => "holds nothing to compare: it was cut off before its first frame set",
+            None => "holds nothing to compare: no frame set, and no run of the twin",
+        };
         return Err(InputError::file(&options.file, reason).into());
     }
     match replayed.first_difference() {

@@ -10,6 +10,7 @@ use super::port::PortOption;
 use super::range;
 use super::record::{Origin, RecordOption};
 use super::scene::SceneOptions;
+use super::zenoh::ZenohOption;
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::failure::Failure;
 use clap::Args;
@@ -24,13 +25,19 @@ use trinocular::servo::path::TargetPath;
 use trinocular::servo::workbench::{Bench, Workbench};
 use trinocular_client::stage::default_stage;
 use trinocular_core::frame::message::Mounting;
-use trinocular_live::{DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, DropSource, Server, Setup};
+use trinocular_live::{
+    Controls, DEFAULT_ADDRESS, DEFAULT_FOXGLOVE_ADDRESS, DropSource, Server, Setup,
+};
+use trinocular_recording::queue::Pace;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::sums::Estimator;
 
 /// The station's estimator.
 const ESTIMATOR: Estimator = Estimator::Midpoint;
+
+/// Name of the nodes of ROS 2 in messages.
+const NODES: &str = "a node of ROS 2";
 
 const CAMERAS: &str = "With --cameras";
 const SCENE: &str = "Without --cameras: the simulated target";
@@ -156,6 +163,9 @@ pub struct ServeOptions {
     /// Replace the file of --record even if it is no recording of this program
     #[arg(long, requires = "record")]
     force: bool,
+
+    #[command(flatten)]
+    zenoh: ZenohOption,
 }
 
 const EXAMPLES: &str = "\
@@ -266,6 +276,12 @@ fn serve<B: Bench>(
     }
     let (mut bench, desk) = Workbench::new(bench, &rig.rig, stage, ESTIMATOR, hub, recording);
     bench.set_pivot(rig.pivot);
+    let zenoh = &options.zenoh;
+    let nodes = || Arc::new(desk.named(NODES)) as Arc<dyn Controls>;
+    zenoh.begin(&rig.names, Pace::Real, options.control.then(nodes))?;
+    if let Some(taker) = zenoh.taker() {
+        bench.pass_to(taker);
+    }
     if options.control {
         page.control(Arc::new(desk))?;
     }
@@ -285,7 +301,7 @@ fn serve<B: Bench>(
         page.hub().warn(error.to_string());
     }
     drop(page);
-    outcome.map_err(|error| Failure::of_servo(port, error))?;
+    zenoh.close(outcome.map_err(|error| Failure::of_servo(port, error)))?;
     notice!("the page is closed");
     Ok(())
 }

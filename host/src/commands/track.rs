@@ -9,7 +9,6 @@ mod recorded;
 mod report;
 mod row;
 mod simulated;
-mod zenoh;
 
 use super::folder_input::PairOption;
 use super::frames::{RecordingInput, rig_missing};
@@ -19,6 +18,7 @@ use super::record::{Origin, RecordOption, Recording};
 use super::region::RegionOption;
 use super::scene::SceneOptions;
 use super::turning::TurningOptions;
+use super::zenoh::ZenohOption;
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use std::cell::Cell;
@@ -68,12 +68,17 @@ pub struct Source {
     #[arg(long, value_name = "DIR", requires = "rig", help_heading = SOURCE)]
     watch: Option<PathBuf>,
 
-    /// Live cameras (V4L2), in the order of the rig file's: /dev/video0,/dev/video2,/dev/video4; or
-    /// `twin`, those of `trinocular twin --with-target`
+    /// Live cameras, in the order of the rig file's: /dev/video0,/dev/video2,/dev/video4, or
+    /// genicam:SERIAL,...; `rig`, those that the rig file names; or `twin`, those of `trinocular twin
+    /// --with-target`
     ///
-    /// Until Ctrl-C, or for --seconds. Cameras other than `twin` need Linux and a program that was
-    /// built with `--features trinocular/camera`; `twin:LINK` names the link of a twin that has its own.
-    /// At the end a line per camera counts its images: used, overtaken, damaged, lost by its driver.
+    /// Until Ctrl-C, or for --seconds. V4L2 cameras need Linux and a program that was built with
+    /// `--features trinocular/camera`, GenICam cameras (GigE Vision, USB3 Vision) one with `--features
+    /// trinocular/genicam`. `trinocular cameras` lists both. A GenICam camera is named by its serial
+    /// number or IP address; `genicam:first` takes any. `twin:LINK` names the link of a twin that has
+    /// its own.
+    /// At the end a line per camera counts its images: used, overtaken, damaged, incomplete (with
+    /// missing packets), lost by its driver.
     /// If a camera is unplugged or falls silent, the others carry on, as long as two are left.
     #[arg(
         long,
@@ -200,7 +205,7 @@ pub struct TrackOptions {
     report: report::TrackReport,
 
     #[command(flatten)]
-    zenoh: zenoh::ZenohOption,
+    zenoh: ZenohOption,
 
     #[command(flatten, next_help_heading = "With --images, --watch and --cameras")]
     region: RegionOption,
@@ -248,7 +253,7 @@ impl TrackOptions {
             true => Pace::Real,
             false => Pace::Virtual,
         };
-        self.zenoh.begin(&rig.names, pace)?;
+        self.zenoh.begin(&rig.names, pace, None)?;
         opened.start(&origin)
     }
 
@@ -403,6 +408,7 @@ Examples:
   trinocular track --images run.mcap
   trinocular track --watch captures/ --rig rig.toml --idle 60
   trinocular track --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto
+  trinocular track --cameras rig --rig rig.toml --port auto
   trinocular track --sim --zenoh";
 
 /// Runs the command.

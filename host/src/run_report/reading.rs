@@ -13,7 +13,7 @@ use trinocular_recording::message::{Event, Measurement, read_entry, read_header}
 use trinocular_recording::read::image;
 use trinocular_recording::read::survey::{Channels, Message, Survey};
 use trinocular_recording::read::{Source, calibration};
-use trinocular_recording::topic::{ImageTopics, Topic};
+use trinocular_recording::topic::{ImageTopics, STAGE, Topic};
 use trinocular_rig::error::InputError;
 use trinocular_vision::images::Image;
 
@@ -56,6 +56,7 @@ pub fn read(source: &Source, survey: &Survey) -> Result<Reading, InputError> {
         commands: Receiver::default(),
         was_open: false,
         offset_us: i64::MAX,
+        is_at_capture: origin.get(STAGE.0).is_some_and(|text| text == STAGE.1),
     };
     let mut channels = Channels::default();
     let mut records = source.records();
@@ -95,6 +96,8 @@ struct RunReader {
     was_open: bool,
     /// Least delay of a status report: the recording's clock minus the station's, µs.
     offset_us: i64,
+    /// True if the measurements have the stage's position at the capture, not after the answer.
+    is_at_capture: bool,
 }
 
 impl RunReader {
@@ -170,6 +173,9 @@ impl RunReader {
             for event in &mut self.story.events {
                 event.at_us = station(event.at_us);
             }
+        }
+        if self.is_at_capture {
+            self.story.place_stage_at_captures();
         }
         self.story
     }

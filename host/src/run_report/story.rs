@@ -112,6 +112,14 @@ impl Story {
         });
     }
 
+    /// Sets the instants of the stage's positions to the capture times. A keyframe has none.
+    pub fn place_stage_at_captures(&mut self) {
+        let turns = self.turns.iter_mut();
+        for turn in turns.filter(|turn| turn.row.outcome != Outcome::Keyframe) {
+            turn.stage_us = turn.row.capture_us;
+        }
+    }
+
     /// Takes in an event of the run.
     pub fn event(&mut self, at_us: u64, kind: &str, text: impl Into<String>) {
         self.events.push(Event {
@@ -234,12 +242,14 @@ impl FrameSetTaker for StoryTaker {
     fn take(&self, images: Option<&FrameSet>, measurement: Measurement) {
         let images = || images.map(|set| std::borrow::Cow::Borrowed(&set.images[..]));
         self.with(|story| {
-            // Without a status, the capture time stands in: the stage moves little within the
-            // latency.
-            let status = story.last.map_or(0, |status| status.time.micros());
+            let stage_us = match measurement.outcome {
+                // A keyframe has no capture time.
+                Outcome::Keyframe => story.last.map_or(0, |status| status.time.micros()),
+                _ => measurement.capture_us,
+            };
             let mut measurement = measurement;
             measurement.frame = u32::try_from(story.turns.len()).unwrap_or(u32::MAX);
-            story.turn(&measurement, status.max(measurement.capture_us), images);
+            story.turn(&measurement, stage_us, images);
         });
     }
 

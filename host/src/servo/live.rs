@@ -31,7 +31,6 @@ impl ServoObserver for LiveObserver {
                 reference: _,
                 measured,
                 step,
-                after_mm: _,
                 status,
             } => {
                 let sentence = step.outcome.refusal();

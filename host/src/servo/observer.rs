@@ -26,9 +26,6 @@ pub enum ServoEvent<'a> {
         measured: Option<&'a Measured>,
         /// Result of the turn.
         step: &'a ServoStep,
-        /// Position of the stage after it, mm from that at the station's start; that at the capture
-        /// is in `step`.
-        after_mm: [f64; 3],
         /// Latest status of the station.
         status: Option<&'a Status>,
     },

@@ -97,7 +97,6 @@ impl ServoObserver for RecordingObserver {
                 reference,
                 measured,
                 step,
-                after_mm,
                 status,
             } => {
                 if let Some(status) = status {
@@ -111,7 +110,7 @@ impl ServoObserver for RecordingObserver {
                 message.stamp_us = images.time_us;
                 message.capture_us = taken.micros();
                 message.reference_us = reference.micros();
-                message.stage_mm = *after_mm;
+                message.stage_mm = step.stage_mm;
                 match &step.outcome {
                     ServoOutcome::Used(estimate) => used(&mut message, estimate),
                     ServoOutcome::Refused(_) => {}

@@ -15,14 +15,31 @@ use trinocular_client::observer::StationObserver;
 use trinocular_client::serial::Serial;
 use trinocular_client::stage::configuration_at;
 use trinocular_client::twin::Twin;
-use trinocular_client::{StationError, plausible};
+use trinocular_client::{StationError, diagnosis, plausible};
 use trinocular_core::frame::message::{Command, EstimateReport, Frame, Mounting, Status};
+use trinocular_core::safety::Trust;
 use trinocular_core::time::Instant;
+use trinocular_rig::notice;
 use trinocular_rig::rig_file::Stage;
 
 /// Timeout for a report: thirty come in that time, and the client notices and reconnects a silent
 /// line earlier.
 const REPORT_PATIENCE: Duration = Duration::from_secs(3);
+
+/// Returns the position that the start of a run has made zero, in words; `None` if that has changed
+/// nothing that the station knew. `found` is the status before.
+fn zeroed(found: &Status, stage: &Stage) -> Option<String> {
+    let steps = found.position_steps;
+    if found.trust == Trust::Unknown || steps == [0; 3] {
+        return None;
+    }
+    let mm = |axis: usize| f64::from(steps[axis]) / stage.steps_per_mm[axis];
+    let [x, y, z] = [0, 1, 2].map(mm);
+    let known = diagnosis::position(found.trust);
+    Some(format!(
+        "the present position is zero now; it was {x:.4} {y:.4} {z:.4} mm ({known})"
+    ))
+}
 
 /// Name that the twin gives as its board.
 pub const TWIN_B: &str = "twin B";
@@ -125,6 +142,9 @@ impl StationLink {
             StationPlace::Port { path, heartbeat_ms } => {
                 let configuration = configuration_at(stage, mounting, heartbeat_ms)?;
                 let serial = Serial::start_observed(path, configuration, observer)?;
+                if let Some(zeroed) = serial.found().and_then(|found| zeroed(&found, stage)) {
+                    notice!("{path}: {zeroed}");
+                }
                 Ok(Self::live(serial, stage))
             }
             StationPlace::Kept { path, heartbeat_ms } => {

@@ -308,7 +308,6 @@ impl VisualServo {
             reference: self.keyframe,
             measured: measured.as_ref(),
             step: &step,
-            after_mm: station.position_mm(),
             status: status.as_ref(),
         };
         for observer in &mut self.observers {

@@ -19,6 +19,7 @@ use super::ServoError;
 use super::live::LiveObserver;
 use super::observer::ServoObserver;
 use super::page_recording::PageRecording;
+use super::recording::{FrameSetTaker, Takers, observers_of};
 use super::station_link::{FrameRefusal, StationLink};
 use super::visual_servo::{ServoOutcome, VisualServo};
 use desk::Request;
@@ -51,7 +52,9 @@ type Outcome = Result<(), String>;
 #[derive(Debug)]
 struct Reset {
     deadline: HostInstant,
-    /// Way back to the page that asked for it.
+    /// Name of who asked for it.
+    by: &'static str,
+    /// Way back to who asked for it.
     reply: Option<Reply>,
 }
 
@@ -92,6 +95,8 @@ pub struct Workbench<B> {
     starting: Option<Reply>,
     reset: Option<Reset>,
     recording: PageRecording,
+    /// Other takers of what is followed.
+    takers: Takers,
     /// Images of the keyframe, while the target is followed.
     keyframe: Option<FrameSet>,
 }
@@ -109,6 +114,7 @@ impl<B: Bench> Workbench<B> {
         let (sender, requests) = sync_channel(REQUESTS);
         let stopper = bench.station().serial().map(|serial| serial.stopper());
         let desk = Desk {
+            by: desk::PAGE,
             offers: Offers {
                 stop: stopper.is_some(),
                 motion: true,
@@ -131,6 +137,7 @@ impl<B: Bench> Workbench<B> {
             starting: None,
             reset: None,
             recording,
+            takers: Takers::new(),
             keyframe: None,
         };
         bench.share();
@@ -149,6 +156,11 @@ impl<B: Bench> Workbench<B> {
     /// turns, from the next start on.
     pub fn set_pivot(&mut self, pivot: Option<Pivot>) {
         self.pivot = pivot;
+    }
+
+    /// Passes what is followed to another taker, from the next start on.
+    pub fn pass_to(&mut self, taker: Arc<dyn FrameSetTaker>) {
+        self.takers.push(taker);
     }
 
     /// Starts to follow with the next images, without a request.
@@ -180,6 +192,7 @@ impl<B: Bench> Workbench<B> {
                 self.act(request)?;
             }
             self.try_reset()?;
+            self.tell_deeds();
             self.recording.check(&self.hub, self.bench.station());
             match self.bench.next_shot() {
                 Ok(None) => break,
@@ -189,6 +202,20 @@ impl<B: Bench> Workbench<B> {
             }
         }
         Ok(())
+    }
+
+    /// Tells the pages and the recording what other programs have done at the station.
+    fn tell_deeds(&mut self) {
+        let deeds = self
+            .bench
+            .station()
+            .serial()
+            .map(|serial| serial.take_deeds());
+        for deed in deeds.into_iter().flatten() {
+            let text = deed.to_string();
+            self.recording.event("guest", &text);
+            self.hub.note(text);
+        }
     }
 
     /// Follows the target into the images, or only shows them.
@@ -256,6 +283,7 @@ impl<B: Bench> Workbench<B> {
                 }
                 self.cancel_reset(&reason);
                 self.end_following(reason.clone());
+                self.recording.event("stop", &reason);
                 // The station itself stays stopped until a reset.
                 if let Some(serial) = self.bench.station().serial_mut() {
                     serial.forgive_stop();
@@ -350,9 +378,10 @@ impl<B: Bench> Workbench<B> {
         }
     }
 
-    /// Makes the observers of the loop: the pages, and the recording if there is one.
+    /// Makes the observers of the loop: the pages, the recording if there is one, and the takers.
     fn observers(&self) -> Vec<Box<dyn ServoObserver>> {
         let mut observers = self.recording.observers(&self.rig);
+        observers.extend(observers_of(self.takers.iter().cloned(), &self.rig));
         observers.push(Box::new(LiveObserver::new(Arc::clone(&self.hub))));
         observers
     }

@@ -68,17 +68,10 @@ impl Machine {
                 error: view.target([0; 3]),
                 variance: measurement.variance,
             };
-            match self.tracker.watch.see(&sample, used, bounds) {
-                Advice::GoOn => {}
-                Advice::Stop => {
-                    if let Some(planner) = &mut self.planner {
-                        planner.stop();
-                    }
-                }
-                Advice::Fail(fault) => {
-                    self.fail(fault);
-                    return Err(Denial::Faulted);
-                }
+            let advice = self.tracker.watch.see(&sample, used, bounds);
+            self.heed(advice);
+            if matches!(advice, Advice::Fail(_)) {
+                return Err(Denial::Faulted);
             }
         }
         if !used {
@@ -94,6 +87,27 @@ impl Machine {
             latency_us: u32::try_from(latency_us).unwrap_or(u32::MAX),
         });
         Ok(())
+    }
+
+    /// Lets the watch do its work of a tick.
+    pub(super) fn watch(&mut self) {
+        if self.state == State::Following {
+            let advice = self.tracker.watch.work(&self.history);
+            self.heed(advice);
+        }
+    }
+
+    /// Does as the watch says.
+    fn heed(&mut self, advice: Advice) {
+        match advice {
+            Advice::GoOn => {}
+            Advice::Stop => {
+                if let Some(planner) = &mut self.planner {
+                    planner.stop();
+                }
+            }
+            Advice::Fail(fault) => self.fail(fault),
+        }
     }
 
     /// Ramps down when no frame came for too long.

@@ -386,6 +386,7 @@ impl Machine {
     /// Executes one control tick.
     fn control(&mut self) {
         let before = (self.state, self.faults, self.motors);
+        self.watch();
         self.check_switches();
         self.check_heartbeat();
         if self.inbox.take_stop() {

@@ -12,6 +12,17 @@ const TICK_US: u64 = 1000;
 /// Fraction bits of a remembered position: 1/256 step.
 const BITS: u32 = 8;
 
+/// Position as remembered: the lowest 32 bits of 1/256 step.
+pub(super) type Coarse = [i32; 3];
+
+/// Unit of [`Coarse`], steps.
+pub(super) const COARSE: f32 = 1.0 / 256.0;
+
+/// Returns a position as remembered.
+pub(super) fn coarse(position: StepVector) -> Coarse {
+    position.map(|p| (p >> (32 - BITS)) as i32)
+}
+
 /// Emitted positions at the borders of the last [`TICKS`] control ticks.
 ///
 /// Positions are kept in 1/256 step and interpolated linearly, with an error of at most 0.25 µm at
@@ -127,6 +138,16 @@ impl History {
         };
         let [x, y, z] = self.last;
         Ok([between(lx, ex, x), between(ly, ey, y), between(lz, ez, z)])
+    }
+
+    /// Returns the position of the pins at `instant`, later by less than a tick; `None` if it is
+    /// outside the remembered time.
+    pub(super) fn coarsely_at(&self, instant: Instant) -> Option<Coarse> {
+        if instant > self.newest {
+            return None;
+        }
+        let age = u32::try_from(self.newest.since(instant)).ok()?;
+        self.entry(usize::try_from(age / TICK_US as u32).ok()?)
     }
 
     fn entry(&self, back: usize) -> Option<[i32; 3]> {

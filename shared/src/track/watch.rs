@@ -19,15 +19,20 @@
 //! figures. So there are two stages:
 //!
 //! 1. *Suspicion*, cheap and often wrong: the stage moves towards a target that comes no nearer; or
-//!    the loop shakes, and `p` moves as much as `s`; or frames are refused as outliers while the
-//!    stage moves on.
+//!    the loop shakes, and `p` moves as much as `s`; or other time stamps would explain what `p`
+//!    does; or frames are refused as outliers while the stage moves on.
 //! 2. *Trial*: the stage is ramped down and stands for 0.1 to 0.3 s. A target that moves by itself
 //!    goes on; one that the stage moves stops with it. Two trials that agree make the fault, or one
-//!    that leaves no doubt. Then following goes on.
+//!    that leaves no doubt, or one that shows the [`cause`]. Then following goes on.
 //!
 //! After a trial that finds a target that moves by itself, the next one waits for half a second,
 //! then for 1, 2, 4 and 8 s. A suspicion of lost steps is pardoned up to three times if the error
 //! answered the stage's own acceleration a moment before.
+//!
+//! # Work
+//! What a frame's tick must decide is done there ([`Watch::see`]). The sums that show the cause
+//! cost more than that tick can spare, so the ticks after it do them, a share each
+//! ([`Watch::work`]).
 //!
 //! # Figures
 //! `cargo test -p trinocular-tests --test lives -- --ignored --nocapture` follows random targets
@@ -49,6 +54,10 @@
 //! # Following error
 //! `|e|` beyond a bound in every frame for longer than a time is a fault of its own.
 
+mod cause;
+mod conclusion;
+mod evidence;
+mod late;
 mod shaking;
 mod trial;
 mod unseen;
@@ -56,10 +65,13 @@ mod window;
 
 use super::StepVector;
 use super::filter::steps;
+use super::history::History;
 use crate::safety::Fault;
 use crate::time::Instant;
+use cause::Question;
+use evidence::Evidence;
 use shaking::Shaking;
-use trial::{ENOUGH, Suspicion, Trial, Verdict};
+use trial::{Suspicion, Trial, Verdict};
 use unseen::{Unseen, is_near};
 use window::{Spread, Window, milliseconds};
 
@@ -76,10 +88,10 @@ const WINDOW_MS: f32 = 145.0;
 /// Part of [`Bounds::unseen`] that is a large motion, as a standard deviation.
 const LARGE: f32 = 0.1;
 
-/// Divisors of [`Bounds::unseen`] for the distance that the stage may go without approach: before
-/// the first trial (`FIRST`), and after one that counts (`AGAIN`).
-const FIRST: i64 = 2;
-const AGAIN: i64 = 4;
+/// Number of halvings of [`Bounds::unseen`] for the distance that the stage may go without
+/// approach: before the first trial (`FIRST`), and after one that counts (`AGAIN`).
+const FIRST: u32 = 1;
+const AGAIN: u32 = 2;
 
 /// Divisor of [`Bounds::unseen`] for the distance that the stage may go astray.
 const ASTRAY: i64 = 4;
@@ -146,6 +158,7 @@ pub struct Watch {
     /// Mean time between used frames, ms.
     period_ms: f32,
     window: Window,
+    evidence: Evidence,
     unseen: [Unseen; 3],
     shaking: Shaking,
     /// Number of refused frames in succession.
@@ -154,6 +167,8 @@ pub struct Watch {
     astray: StepVector,
     pardons: u8,
     trial: Option<Trial>,
+    /// Verdict of a trial that waits for the cause.
+    verdict: Option<Verdict>,
     case: Option<Case>,
     /// Instant before which no trial begins.
     quiet_until: Instant,
@@ -169,6 +184,15 @@ impl Watch {
         self.trial.is_some()
     }
 
+    /// Does a tick's share of the work for which a frame's tick has no time. `history` tells where
+    /// the stage was if the stamps are wrong.
+    pub fn work(&mut self, history: &History) -> Advice {
+        match self.evidence.work(history) {
+            Some(answer) => self.hear(answer),
+            None => Advice::GoOn,
+        }
+    }
+
     /// Takes in a frame. `used` is false for one that was refused as an outlier.
     pub fn see(&mut self, sample: &Sample, used: bool, bounds: &Bounds) -> Advice {
         if used && self.is_far(sample, bounds) {
@@ -180,19 +204,20 @@ impl Watch {
             self.refused.saturating_add(1)
         };
         // A single outlier is a wrong frame.
-        if bounds.unseen == [0; 3] || self.refused == 1 {
+        if bounds.unseen.iter().all(|bound| *bound == 0) || self.refused == 1 {
             return Advice::GoOn;
         }
-        let Some(last) = self.last else {
-            self.last = Some(*sample);
-            self.window = Window::starting(sample);
-            return Advice::GoOn;
+        let since = match &self.last {
+            Some(last) => sample.capture.since(last.capture),
+            None => u64::MAX,
         };
-        let since = sample.capture.since(last.capture);
         if since < LEAST_US {
             return Advice::GoOn;
         }
-        self.last = Some(*sample);
+        let Some(last) = self.last.replace(*sample) else {
+            self.begin_anew(sample);
+            return Advice::GoOn;
+        };
         let ms = milliseconds(since);
         let known = self.period_ms > 0.0;
         let gap = known && ms > GAP * self.period_ms;
@@ -214,6 +239,7 @@ impl Watch {
     /// Clears the state that leads to a suspicion.
     fn begin_anew(&mut self, sample: &Sample) {
         self.window = Window::starting(sample);
+        self.evidence = Evidence::starting(sample);
         self.unseen = [Unseen::default(); 3];
         self.shaking = Shaking::default();
         self.astray = [0; 3];
@@ -222,6 +248,7 @@ impl Watch {
     /// Looks for a reason to stop the stage.
     fn suspect(&mut self, [last, sample]: [&Sample; 2], bounds: &Bounds) -> Advice {
         self.window.add(sample);
+        self.evidence.add(sample);
         let full = self.window.frames() > WINDOW_FRAMES && self.window.span_ms > WINDOW_MS;
         let mut astray = self.is_astray([last, sample], bounds);
         let unseen = self.unseen([last, sample], bounds);
@@ -239,13 +266,19 @@ impl Watch {
                 self.pardons = 0;
             }
             self.window = Window::starting(sample);
+            self.evidence.ask(Question::Moving);
         }
         let suspicion = match (astray, shakes) {
             (true, _) => Suspicion::Astray,
             (false, true) => Suspicion::Shaking,
             (false, false) => return Advice::GoOn,
         };
-        if sample.capture < self.quiet_until {
+        self.stop_for(suspicion, sample.capture)
+    }
+
+    /// Begins a trial, unless it is too early for the next one.
+    fn stop_for(&mut self, suspicion: Suspicion, at: Instant) -> Advice {
+        if at < self.quiet_until {
             self.unseen = [Unseen::default(); 3];
             return Advice::GoOn;
         }
@@ -271,7 +304,7 @@ impl Watch {
 
     /// Returns true for each axis on which the target comes no nearer.
     fn unseen(&mut self, [last, sample]: [&Sample; 2], bounds: &Bounds) -> [bool; 3] {
-        let part = match self.case {
+        let halvings = match self.case {
             Some(Case { shook: false, .. }) => AGAIN,
             _ => FIRST,
         };
@@ -284,7 +317,7 @@ impl Watch {
             .zip(&mut suspicious);
         for (((axis, bound), suspicious), ((now, before), error)) in axes.zip(ways) {
             let way = now.saturating_sub(*before);
-            *suspicious = axis.see(way, *error, bound, bound / part);
+            *suspicious = axis.see(way, *error, bound, bound >> halvings);
         }
         suspicious
     }
@@ -305,47 +338,6 @@ impl Watch {
             }
         }
         all
-    }
-
-    /// Continues a trial.
-    fn try_on(&mut self, mut trial: Trial, frames: [&Sample; 2], bounds: &Bounds) -> Advice {
-        let (before, large) = (self.shaking.before, large(bounds));
-        let verdict = trial.see(frames, &mut self.window, before, large);
-        let [_, sample] = frames;
-        let at = sample.capture;
-        if verdict == Verdict::Wait {
-            self.trial = Some(trial);
-            return Advice::GoOn;
-        }
-        self.trial = None;
-        self.begin_anew(sample);
-        match (verdict, self.case) {
-            (Verdict::Coupled { points, lost }, case) => {
-                let points = case.map_or(0, |case| case.points).saturating_add(points);
-                if points >= ENOUGH {
-                    return Advice::Fail(match lost {
-                        true => Fault::LostSteps,
-                        false => Fault::Unstable,
-                    });
-                }
-                let shook = trial.is_for_shaking();
-                self.case = Some(Case {
-                    points,
-                    at,
-                    shook,
-                    lost,
-                });
-                self.free = 0;
-                self.quiet_until = at;
-            }
-            (Verdict::Calm, Some(_)) => self.quiet_until = at.plus_micros(200_000),
-            _ => {
-                self.case = None;
-                self.quiet_until = at.plus_micros(500_000 << self.free);
-                self.free = (self.free + 1).min(4);
-            }
-        }
-        Advice::GoOn
     }
 
     /// Returns true if the target has been too far away for too long.

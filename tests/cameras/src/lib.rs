@@ -1,4 +1,5 @@
-//! Stand-in for the kernel's side of V4L2 on a computer without cameras.
+//! Stand-in for the kernel's side of V4L2 on a computer without cameras, and for network interfaces
+//! (see [`loopback`]).
 //!
 //! The library is preloaded into a program (`LD_PRELOAD`) and answers `open`, `close`, `poll` and
 //! `ioctl` for the devices `/dev/video90` to `/dev/video99`. All other calls go to the C library
@@ -12,6 +13,7 @@
 #![allow(unsafe_code)]
 
 mod camera;
+mod loopback;
 mod plan;
 mod wire;
 
@@ -196,6 +198,35 @@ pub unsafe extern "C" fn syscall(
     match unsafe { command(camera, b as u64, c as *mut c_void, now_us) } {
         Ok(()) => 0,
         Err(errno) => c_long::from(failed(errno)),
+    }
+}
+
+/// Replaces the C library's `getifaddrs`.
+///
+/// # Safety
+/// The requirements are those of the C library's function.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn getifaddrs(list: *mut *mut libc::ifaddrs) -> c_int {
+    type GetIfAddrs = unsafe extern "C" fn(*mut *mut libc::ifaddrs) -> c_int;
+    let Some(addresses) = loopback::addresses() else {
+        // SAFETY: `getifaddrs` has this type.
+        return unsafe { hidden::<GetIfAddrs>(c"getifaddrs")(list) };
+    };
+    // SAFETY: the caller's pointer is valid.
+    unsafe { *list = loopback::interfaces(&addresses) };
+    0
+}
+
+/// Replaces the C library's `freeifaddrs`.
+///
+/// # Safety
+/// The requirements are those of the C library's function.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn freeifaddrs(list: *mut libc::ifaddrs) {
+    type FreeIfAddrs = unsafe extern "C" fn(*mut libc::ifaddrs);
+    if loopback::addresses().is_none() {
+        // SAFETY: `freeifaddrs` has this type, and the list is the C library's.
+        unsafe { hidden::<FreeIfAddrs>(c"freeifaddrs")(list) };
     }
 }
 

@@ -21,6 +21,7 @@ use trinocular_core::motion::{Limits, Planner};
 use trinocular_core::steps::{AxisMotion, Generator, Position, Segment};
 use trinocular_core::time::Instant;
 use trinocular_core::track::filter::KinematicLimits;
+use trinocular_core::track::history::History;
 use trinocular_core::track::pursuit::{Measurement, Pursuit, Settings};
 use trinocular_core::track::watch::{Bounds, Sample, Watch};
 
@@ -183,24 +184,47 @@ fn tracking(counter: &mut Counter, table: &mut Table) {
     table.row("filter: where to go by now, three axes", aimed.per(1), None);
 }
 
-/// Measures the same target followed well: the supervision has no reason for a trial.
+/// Measures the same target followed well: the supervision has no reason for a trial. Each frame is
+/// followed by the work that the watch leaves for the ticks after it.
 fn watching(counter: &mut Counter, table: &mut Table) {
     let bounds = Bounds {
         unseen: [800 << 32; 3],
         ..Bounds::default()
     };
-    let mut watch = Watch::default();
-    let mut sum = Sum::default();
+    let (mut watch, mut history) = (Watch::default(), History::default());
+    let (mut seen, mut seen_at_most) = (Sum::default(), 0);
+    let (mut worked, mut worked_at_most) = (0, 0);
+    let mut tick = 0;
     for frame in 0..TICKS as i64 {
+        let capture = Instant::from_micros(16_667 * frame as u64);
         let sample = Sample {
-            capture: Instant::from_micros(16_667 * frame as u64),
+            capture,
             stage: [(67 * frame + frame % 2) << 32; 3],
             error: [(frame * 7 % 3) << 32; 3],
             variance: [0.2, 0.2, 5.0],
         };
-        counter.add(&mut sum, || watch.see(black_box(&sample), true, &bounds));
+        let mut one = Sum::default();
+        counter.add(&mut one, || watch.see(black_box(&sample), true, &bounds));
+        seen_at_most = seen_at_most.max(one.per(1));
+        seen += one;
+        while 1_000 * tick <= capture.micros() + 36_667 {
+            let stage = (4 * tick as i64) << 32;
+            history.record(Instant::from_micros(1_000 * tick), [stage; 3]);
+            let mut one = Sum::default();
+            counter.add(&mut one, || watch.work(black_box(&history)));
+            worked_at_most = worked_at_most.max(one.per(1));
+            worked += one.per(1);
+            tick += 1;
+        }
     }
-    table.row("watch: a frame of three axes", sum.per(1), None);
+    table.row("watch: a frame of three axes", seen.per(1), None);
+    table.row("watch: a frame, at most", seen_at_most, Some(3_000));
+    table.row(
+        "watch: in the ticks after a frame, together",
+        worked / TICKS,
+        None,
+    );
+    table.row("watch: in a tick, at most", worked_at_most, Some(1_500));
 }
 
 /// Measures words as the board's image makes them, into its ring. Also returns the tenths of
@@ -344,7 +368,7 @@ fn control(counter: &mut Counter, table: &mut Table) -> Result<(u64, u64, u64, u
         None,
     );
     host.settle();
-    let (received, polled, reported) = frames(counter, &mut host)?;
+    let (received, polled, reported, worst) = frames(counter, &mut host)?;
     table.row("take in a frame's bytes", received.per(1), None);
     table.row(
         "the tick that uses it, up to its first segment",
@@ -353,6 +377,7 @@ fn control(counter: &mut Counter, table: &mut Table) -> Result<(u64, u64, u64, u
     );
     let whole = received.per(1) + polled.per(1);
     table.row("whole frame, from bytes to segment", whole, Some(20_000));
+    table.row("whole frame, at most", worst, Some(27_000));
     table.row("its answer and status, encoded", reported.per(1), None);
     Ok((
         moving.0.per(1),
@@ -389,19 +414,24 @@ fn ticks(
     Ok((first, others))
 }
 
-/// Measures a hundred frames: decoding, the tick, the reports.
-fn frames(counter: &mut Counter, host: &mut Host) -> Result<(Sum, Sum, Sum), Failure> {
+/// Measures a hundred frames: decoding, the tick, the reports, and the most that a frame takes.
+fn frames(counter: &mut Counter, host: &mut Host) -> Result<(Sum, Sum, Sum, u64), Failure> {
     let (mut received, mut polled, mut reported) = (Sum::default(), Sum::default(), Sum::default());
+    let mut worst = 0;
     for _ in 0..TICKS {
         host.ping();
         host.tick();
         host.flush();
         let bytes = host.frame();
         let (machine, before) = (&mut host.machine, host.now);
-        counter.add(&mut received, || machine.receive(before, &bytes));
+        let (mut taken, mut used) = (Sum::default(), Sum::default());
+        counter.add(&mut taken, || machine.receive(before, &bytes));
         let now = host.after(0);
         let machine = &mut host.machine;
-        let output = counter.add(&mut polled, || machine.poll(now, SEGMENT_WORDS));
+        let output = counter.add(&mut used, || machine.poll(now, SEGMENT_WORDS));
+        worst = worst.max(taken.per(1) + used.per(1));
+        received += taken;
+        polled += used;
         let Output::Segment(_) = output else {
             return Err(Failure("a segment was due"));
         };
@@ -420,7 +450,7 @@ fn frames(counter: &mut Counter, host: &mut Host) -> Result<(Sum, Sum, Sum), Fai
         }
         host.rest_of_tick();
     }
-    Ok((received, polled, reported))
+    Ok((received, polled, reported, worst))
 }
 
 fn stacks() -> Result<(), Failure> {

@@ -1,6 +1,8 @@
-//! A serial port that cannot be opened: finds the program that has it, if there is one.
+//! A serial port that cannot be opened: its reason, and the end of the program that has it.
 
 use super::super::StationError;
+use super::super::owner;
+use super::holder::{Holder, holder, interrupt, is_suspended, is_this_program, listener, opener};
 use std::path::Path;
 use std::time::{Duration, Instant};
 #[cfg(unix)]
@@ -15,15 +17,6 @@ const LOOK: Duration = Duration::from_millis(10);
 
 /// Timeout for a suspended program to go on: a shell's `fg` continues it at once.
 const SUSPENDED_PATIENCE: Duration = Duration::from_secs(1);
-
-/// A running program.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Holder {
-    /// Process number.
-    pub pid: u32,
-    /// Command line of the program, fit for printing.
-    pub command: String,
-}
 
 /// Returns the error for a port that did not open.
 pub(super) fn explain(path: &str, cause: &serialport::Error) -> StationError {
@@ -109,6 +102,13 @@ fn group_named(groups: &str, number: u32) -> Option<String> {
     names.filter(|name| name != "root")
 }
 
+/// Returns the program that has a port: by its lock, or by the socket for its guests, because a
+/// port that is reached by TCP has no lock.
+pub(crate) fn owner_of(path: &str) -> Option<Holder> {
+    let guests = || listener(&owner::socket(path).ok()?);
+    holder(Path::new(path)).or_else(guests)
+}
+
 /// Another program that had the port, and its reaction to the request to end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum OtherHost {
@@ -126,13 +126,13 @@ pub enum OtherHost {
 /// left the port. That run stops its stage before it ends. Returns `None` if the port is free, or
 /// where the system does not report its holder.
 pub fn end_other_host(path: &str) -> Option<OtherHost> {
-    let other = holder(Path::new(path))?;
+    let other = owner_of(path)?;
     if !is_this_program(&other) || !interrupt(&other) {
         return Some(OtherHost::Foreign(other));
     }
     let end = Instant::now() + LEAVING_PATIENCE;
     let mut suspended: Option<Instant> = None;
-    while holder(Path::new(path)).as_ref() == Some(&other) {
+    while owner_of(path).as_ref() == Some(&other) {
         let now = Instant::now();
         if now >= end {
             return Some(OtherHost::Stays(other));
@@ -144,117 +144,6 @@ pub fn end_other_host(path: &str) -> Option<OtherHost> {
         std::thread::sleep(LOOK);
     }
     Some(OtherHost::Left(other))
-}
-
-#[cfg(target_os = "linux")]
-fn is_this_program(holder: &Holder) -> bool {
-    let file = |pid: &str| std::fs::read_link(format!("/proc/{pid}/exe")).ok();
-    let name = |pid: &str| Some(file(pid)?.file_name()?.to_owned());
-    let other = name(&holder.pid.to_string());
-    other.is_some() && other == name("self")
-}
-
-#[cfg(target_os = "linux")]
-fn interrupt(holder: &Holder) -> bool {
-    use rustix::process::{Pid, Signal, kill_process};
-    let pid = i32::try_from(holder.pid).ok().and_then(Pid::from_raw);
-    pid.is_some_and(|pid| kill_process(pid, Signal::INT).is_ok())
-}
-
-/// Returns true if a signal stopped the program or a debugger holds it.
-#[cfg(target_os = "linux")]
-fn is_suspended(holder: &Holder) -> bool {
-    let about = std::fs::read_to_string(format!("/proc/{}/stat", holder.pid));
-    // The state follows the name, which stands in parentheses and may hold some itself.
-    let state = about.ok().and_then(|about| {
-        let (_, rest) = about.rsplit_once(')')?;
-        rest.trim_start().chars().next()
-    });
-    matches!(state, Some('T' | 't'))
-}
-
-#[cfg(not(target_os = "linux"))]
-fn is_suspended(_: &Holder) -> bool {
-    false
-}
-
-#[cfg(not(target_os = "linux"))]
-fn is_this_program(_: &Holder) -> bool {
-    false
-}
-
-#[cfg(not(target_os = "linux"))]
-fn interrupt(_: &Holder) -> bool {
-    false
-}
-
-/// Returns the program that holds the lock on a port, where the system reports it.
-#[cfg(target_os = "linux")]
-fn holder(path: &Path) -> Option<Holder> {
-    use std::os::unix::fs::MetadataExt as _;
-    let file = std::fs::metadata(path).ok()?;
-    let locks = std::fs::read_to_string("/proc/locks").ok()?;
-    let name = name_in_locks(file.dev(), file.ino());
-    program(locks.lines().find_map(|line| locker(line, &name))?)
-}
-
-#[cfg(not(target_os = "linux"))]
-fn holder(_: &Path) -> Option<Holder> {
-    None
-}
-
-/// Returns another program that has the port open without a lock. Only programs of the same user
-/// are visible.
-#[cfg(target_os = "linux")]
-fn opener(path: &Path) -> Option<Holder> {
-    use std::os::unix::fs::MetadataExt as _;
-    let identity = |about: std::fs::Metadata| (about.dev(), about.ino());
-    let port = identity(std::fs::metadata(path).ok()?);
-    let own = std::process::id();
-    let processes = std::fs::read_dir("/proc").ok()?.flatten();
-    let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
-    let has_port = |pid: &u32| {
-        let files = std::fs::read_dir(format!("/proc/{pid}/fd"));
-        let mut files = files.into_iter().flatten().flatten();
-        // Follows the link to the open file.
-        files.any(|file| std::fs::metadata(file.path()).is_ok_and(|about| identity(about) == port))
-    };
-    let pid = numbers.filter(|pid| *pid != own).find(has_port)?;
-    program(pid)
-}
-
-#[cfg(not(target_os = "linux"))]
-fn opener(_: &Path) -> Option<Holder> {
-    None
-}
-
-/// Returns a running program with its command line.
-#[cfg(target_os = "linux")]
-fn program(pid: u32) -> Option<Holder> {
-    let command = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
-    let command = String::from_utf8_lossy(&command);
-    let command = printable(command.trim_end_matches('\0').replace('\0', " "));
-    Some(Holder { pid, command })
-}
-
-/// Returns a file as `/proc/locks` names it: the device's two numbers, hexadecimal, and the file's.
-#[cfg(target_os = "linux")]
-fn name_in_locks(device: u64, inode: u64) -> String {
-    // The layout of Linux's 64-bit device numbers.
-    let major = (device >> 32 & 0xffff_f000) | (device >> 8 & 0xfff);
-    let minor = (device >> 12 & 0xffff_ff00) | (device & 0xff);
-    format!("{major:02x}:{minor:02x}:{inode}")
-}
-
-/// Returns the process of a line of `/proc/locks` if its lock is on this file. Such a line reads
-/// `5: FLOCK  ADVISORY  WRITE 4711 00:18:12 0 EOF`.
-#[cfg(target_os = "linux")]
-fn locker(line: &str, name: &str) -> Option<u32> {
-    let words: Vec<&str> = line.split_whitespace().collect();
-    match words[..] {
-        [_, "FLOCK", _, _, pid, file, ..] if file == name => pid.parse().ok(),
-        _ => None,
-    }
 }
 
 #[cfg(all(test, target_os = "linux"))]
@@ -284,41 +173,5 @@ mod tests {
         assert_eq!(group_named(groups, 0), None);
         assert_eq!(group_named(groups, 7), None);
         assert_eq!(group_named("", 7), None);
-    }
-
-    #[test]
-    fn program_with_the_file_open_is_found() {
-        let name = format!("trinocular-port-{}", std::process::id());
-        let path = std::env::temp_dir().join(name);
-        let file = std::fs::File::create(&path).unwrap();
-        assert_eq!(opener(&path), None, "this process does not count");
-        let mut other = std::process::Command::new("sleep")
-            .arg("60")
-            .stdin(file)
-            .spawn()
-            .unwrap();
-        let found = opener(&path);
-        std::fs::remove_file(&path).unwrap();
-        other.kill().unwrap();
-        other.wait().unwrap();
-        let found = found.expect("the other process");
-        assert_eq!(
-            (found.pid, found.command.as_str()),
-            (other.id(), "sleep 60")
-        );
-    }
-
-    #[test]
-    fn lock_on_a_file_names_its_process() {
-        let name = name_in_locks(0x18, 12);
-        let line = "5: FLOCK  ADVISORY  WRITE 4711 00:18:12 0 EOF";
-        assert_eq!(locker(line, &name), Some(4711));
-        assert_eq!(locker(line, "00:19:12"), None);
-        let waits = "5: -> FLOCK  ADVISORY  WRITE 4712 00:18:12 0 EOF";
-        assert_eq!(locker(waits, &name), None);
-        let range = "6: POSIX  ADVISORY  WRITE 4713 00:18:12 0 EOF";
-        assert_eq!(locker(range, &name), None);
-        assert_eq!(locker("", &name), None);
-        assert_eq!(name_in_locks(0x0080_0102, 3), "01:802:3");
     }
 }

@@ -126,7 +126,7 @@ impl Serial {
             shared,
             sender,
             threads: Vec::new(),
-            cleared: None,
+            found: None,
             is_zeroed: false,
             ends_with_station: false,
             _awake: interruption::Awake::begin(),
@@ -182,8 +182,8 @@ impl Serial {
         // Without the heartbeat, which would keep a motion of a crashed host alive.
         serial.stop()?;
         serial.stops = false;
-        serial.cleared = serial.fresh_status(true)?.fault;
-        if let Some(fault @ Fault::Restart) = serial.cleared {
+        serial.found = Some(serial.fresh_status(true)?);
+        if let Some(fault @ Fault::Restart) = serial.cleared() {
             // The operator has to look at the stage first.
             return Err(StationError::Faulted(fault));
         }

@@ -10,7 +10,8 @@ use super::super::conversation::Client;
 use super::super::motion::moves;
 use super::super::observer::StationObserver;
 use super::super::owner::{self, Purpose, Reception};
-use super::busy::{self, Holder};
+use super::busy;
+use super::holder::Holder;
 use super::port::{self, Half};
 use super::sender::Sender;
 use super::sharing::Guests;
@@ -80,6 +81,12 @@ impl Line {
                 return Err(StationError::Busy {
                     path: path.to_owned(),
                     holder: Some(holder),
+                });
+            }
+            Some(Reception::Silent(holder)) => {
+                return Err(StationError::OwnerSilent {
+                    path: path.to_owned(),
+                    holder,
                 });
             }
             None => (port::open(path), None),
@@ -273,7 +280,10 @@ impl Line {
                     self.client.feed(now_us, &buffer[..count]);
                 }
                 Err(cause) if is_pause(&cause) => return,
-                Err(cause) => return self.lose(format!("cannot read: {cause}")),
+                Err(cause) => {
+                    let reason = port.loss("read", &cause);
+                    return self.lose(reason);
+                }
             }
         }
     }

@@ -92,6 +92,18 @@ impl Half {
         }
     }
 
+    /// Returns the reason why the line is lost, after an error of this port.
+    pub fn loss(&self, doing: &str, cause: &io::Error) -> String {
+        match self {
+            // The system reports the end of a device as an error of its file.
+            Self::Serial(_) => format!(
+                "the port is gone (cannot {doing}: {cause}): it was unplugged, or the program \
+                 behind it has ended"
+            ),
+            Self::Tcp(_) | Self::Owner(_) => format!("cannot {doing}: {cause}"),
+        }
+    }
+
     /// Writes all bytes, within a tenth of a second.
     pub fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
         match self {

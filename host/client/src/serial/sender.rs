@@ -52,8 +52,8 @@ impl Writer {
             observer.sent(micros_since(self.epoch), bytes);
         }
         if let Err(cause) = port.write_all(bytes) {
+            self.broken = Some(port.loss("write", &cause));
             self.port = None;
-            self.broken = Some(format!("cannot write: {cause}"));
         }
     }
 }

@@ -16,6 +16,8 @@ use super::super::StationError;
 use super::super::motion::moves;
 use super::super::owner::{self, Guest, Listener, Purpose, Stream};
 use super::super::stage::HEARTBEAT_MS;
+use super::deed::{Deed, Deeds, STOP, in_words};
+use super::line::Line;
 use super::port::send_all;
 use super::stop::Stop;
 use super::{Holder, LOOK, Serial, Shared};
@@ -60,6 +62,7 @@ pub(super) struct Guests {
     driver: Option<Holder>,
     /// True if a guest has configured the station since this program did.
     pub has_reconfigured: bool,
+    pub deeds: Deeds,
 }
 
 /// Starts the thread that receives guests of the line on `port`, until the line is closed.
@@ -122,7 +125,7 @@ fn receive(listener: &Listener, stream: &mut Stream, shared: &Shared) -> io::Res
     };
     let outcome = owner::welcome(stream).and_then(|()| service.serve(stream, shared));
     if guest.purpose == Purpose::Drive {
-        leave(shared, was_pinging, service.has_moved);
+        leave(shared, was_pinging, &service);
     }
     shared.line().guests.dismiss(&guest);
     outcome
@@ -131,13 +134,15 @@ fn receive(listener: &Listener, stream: &mut Stream, shared: &Shared) -> io::Res
 /// Stops the stage if it moves because of a guest that has left. A guest that has not moved it leaves
 /// a motion of this program alone. Then the heartbeat is as it was before the guest came: on if
 /// `was_pinging`.
-fn leave(shared: &Shared, was_pinging: bool, has_moved: bool) {
-    let mut is_first = has_moved;
+fn leave(shared: &Shared, was_pinging: bool, guest: &Service) {
+    let mut is_first = guest.has_moved;
     loop {
         {
             let mut line = shared.line();
             if is_first && line.client.motion().may_go_on() {
                 line.stop_again();
+                let what = "stop, because a program left the stage in motion".to_owned();
+                line.guests.deeds.add(what, &guest.by);
             }
             is_first = false;
             if line.is_over() {
@@ -177,6 +182,11 @@ impl Serial {
     /// Returns the guest that drives the station, if there is one.
     pub fn driver(&self) -> Option<Holder> {
         self.shared.line().guests.driver.clone()
+    }
+
+    /// Takes what guests have done at the station since the last call, the oldest first.
+    pub fn take_deeds(&self) -> Vec<Deed> {
+        self.shared.line().guests.deeds.take()
     }
 
     /// Gives the station this program's configuration again if a guest has changed it.
@@ -223,6 +233,15 @@ impl Guests {
     }
 }
 
+/// Command of a guest that is not answered.
+struct Pending {
+    /// Sequence number on the line.
+    sequence: u16,
+    /// Sequence number of the guest.
+    theirs: u16,
+    command: Command,
+}
+
 /// One guest's share of the line.
 struct Service {
     /// Name of the guest, for messages.
@@ -234,8 +253,8 @@ struct Service {
     reported_tick: Option<u32>,
     /// Sequence numbers of the guest's stops that are not answered.
     stops: Vec<u16>,
-    /// Commands that are not answered: sequence numbers on the line and of the guest.
-    pending: VecDeque<(u16, u16)>,
+    /// Commands that are not answered.
+    pending: VecDeque<Pending>,
     /// Arrival of the guest's last ping, once it has driven.
     pinged: Option<Instant>,
     /// Heartbeat timeout of the configuration that the guest has given.
@@ -329,7 +348,10 @@ impl Service {
             (Command::Stop, Purpose::Watch) => {}
             (Command::Stop, purpose) => {
                 match purpose {
-                    Purpose::Drive => line.stop_again(),
+                    Purpose::Drive => {
+                        line.stop_again();
+                        line.guests.deeds.add(STOP.to_owned(), &self.by);
+                    }
                     _ => line.stop_for(self.by.clone()),
                 }
                 self.stops.push(packet.sequence);
@@ -364,7 +386,11 @@ impl Service {
                     // Some are never answered.
                     self.pending.pop_front();
                 }
-                self.pending.push_back((sequence, packet.sequence));
+                self.pending.push_back(Pending {
+                    sequence,
+                    theirs: packet.sequence,
+                    command,
+                });
             }
         }
     }
@@ -391,13 +417,16 @@ impl Service {
                 });
             }
         }
-        let client = &mut line.client;
-        self.pending.retain(|(sequence, theirs)| {
-            let Some((tick, answer)) = client.answer_with_tick(*sequence) else {
+        let Line { client, guests, .. } = &mut *line;
+        self.pending.retain(|pending| {
+            let Some((tick, answer)) = client.answer_with_tick(pending.sequence) else {
                 return true;
             };
+            if let Some(what) = in_words(&pending.command).filter(|_| answer.is_ok()) {
+                guests.deeds.add(what, &self.by);
+            }
             replies.push(Report::Answer {
-                sequence: *theirs,
+                sequence: pending.theirs,
                 tick,
                 outcome: match answer {
                     Ok(()) => Outcome::Accepted,

@@ -55,7 +55,10 @@ impl Terminal {
     /// If the system has none.
     pub fn open() -> io::Result<Self> {
         use serialport::SerialPort as _;
-        let (mut far, near) = serialport::TTYPort::pair()?;
+        let (far, near) = serialport::TTYPort::pair()?;
+        // Programs that this one starts do not inherit the duplicates. An end that they had would
+        // keep an unplugged line open.
+        let (mut far, near) = (far.try_clone_native()?, near.try_clone_native()?);
         far.set_timeout(WAIT)?;
         let name = near.name().ok_or(io::ErrorKind::NotFound)?;
         Ok(Self {

@@ -116,6 +116,12 @@ impl<'a> Field<'a> {
         }
     }
 
+    /// Returns an error at this table, of the value that is missing under `key`.
+    pub fn fault_under(&self, key: &str, reason: impl Into<String>) -> InputError {
+        let line = self.source.line(self.span.start);
+        InputError::field(self.source.file, line, self.key_path(key), reason)
+    }
+
     fn wrong_kind(&self, expected: &str) -> InputError {
         self.fault(format!(
             "expected {expected}, found {}",

@@ -195,8 +195,8 @@ fn unknown_or_missing_key_is_named() {
     let at_name = "name = \"middle\"";
     refused(
         at_name,
-        "gain = 1\nname = \"middle\"",
-        "camera[1].gain",
+        "zoom = 1\nname = \"middle\"",
+        "camera[1].zoom",
         "unknown field",
     );
     refused("driver", "drivers", "stage.drivers", "unknown field");

@@ -1,7 +1,8 @@
-//! Session with the router, and one channel per topic.
+//! Session with the router, one channel per topic, and one subscription per topic of commands.
 
-use super::{Account, PublisherError, Settings};
+use super::{Account, CommandSink, PublisherError, Settings};
 use crate::attachment;
+use crate::command::CommandTopic;
 use crate::graph::{self, Node, Topic};
 use crate::message_type::{IMAGE, MessageType, POSE, TRANSFORMS};
 use crate::name;
@@ -25,6 +26,7 @@ pub struct Outlet {
     cameras: Vec<Channel>,
     displacement: Channel,
     transforms: Channel,
+    _subscriptions: Vec<Subscription>,
     _node: LivelinessToken,
     /// Instant of the stamps' zero, µs since 1970: known from the first frame set on.
     epoch_us: Option<i64>,
@@ -37,6 +39,12 @@ struct Channel {
     publisher: zenoh::pubsub::Publisher<'static>,
     gid: [u8; 16],
     sent: i64,
+    _token: LivelinessToken,
+}
+
+/// Subscription of one topic of commands.
+struct Subscription {
+    _subscriber: zenoh::pubsub::Subscriber<()>,
     _token: LivelinessToken,
 }
 
@@ -84,11 +92,22 @@ impl Outlet {
             let name = format!("/{NODE}/{camera}/image_raw");
             channel(name, IMAGE)
         });
+        let cameras = cameras.collect::<Result<_, _>>()?;
+        let displacement = channel(format!("/{NODE}/displacement"), POSE)?;
+        let transforms = channel(FRAMES.to_owned(), TRANSFORMS)?;
+        let mut subscriptions = Vec::new();
+        for topic in CommandTopic::ALL {
+            if let Some(sink) = &settings.commands {
+                number += 1;
+                subscriptions.push(Subscription::open(&session, &node, number, topic, sink)?);
+            }
+        }
         Ok(Self {
-            cameras: cameras.collect::<Result<_, _>>()?,
-            displacement: channel(format!("/{NODE}/displacement"), POSE)?,
-            transforms: channel(FRAMES.to_owned(), TRANSFORMS)?,
-            _node: token.map_err(|cause| PublisherError::Topic(cause.to_string()))?,
+            cameras,
+            displacement,
+            transforms,
+            _subscriptions: subscriptions,
+            _node: token.map_err(unfit)?,
             session,
             epoch_us: None,
             bytes: Vec::new(),
@@ -136,6 +155,37 @@ impl Outlet {
     }
 }
 
+/// Returns the error of a topic that the session does not take.
+fn unfit(cause: zenoh::Error) -> PublisherError {
+    PublisherError::Topic(cause.to_string())
+}
+
+impl Subscription {
+    fn open(
+        session: &Session,
+        node: &Node,
+        number: u32,
+        topic: CommandTopic,
+        sink: &CommandSink,
+    ) -> Result<Self, PublisherError> {
+        let named = Topic::new(format!("/{NODE}/{topic}"), topic.message_type());
+        let sink = sink.clone();
+        let take = move |sample: zenoh::sample::Sample| {
+            sink(topic, topic.read(&sample.payload().to_bytes()));
+        };
+        let subscriber = session
+            .declare_subscriber(node.key(&named))
+            .callback(take)
+            .wait();
+        let token = node.subscription_token(number, &named);
+        let token = session.liveliness().declare_token(token).wait();
+        Ok(Self {
+            _subscriber: subscriber.map_err(unfit)?,
+            _token: token.map_err(unfit)?,
+        })
+    }
+}
+
 impl Channel {
     fn open(
         session: &Session,
@@ -143,7 +193,6 @@ impl Channel {
         number: u32,
         topic: &Topic,
     ) -> Result<Self, PublisherError> {
-        let unfit = |cause: zenoh::Error| PublisherError::Topic(cause.to_string());
         let token = node.publisher_token(number, topic);
         let publisher = session.declare_publisher(node.key(topic));
         // The thread may wait for the network; the run does not wait for the thread.

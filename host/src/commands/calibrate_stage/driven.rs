@@ -52,8 +52,9 @@ impl Driven {
             .travel_mm
             .map(|[least, greatest]| greatest - least);
         let allowance = Allowance::of_distance(&self.stage, travel_mm);
-        let (end, interrupted) = self.hand.wait_for_rest(allowance, |_| {})?;
-        why_it_stands(&self.hand, &end, interrupted)?;
-        Ok(in_mm(end.position_steps, &self.stage))
+        let rest = self.hand.wait_for_rest(allowance, |_| {})?;
+        let at_steps = rest.status.position_steps;
+        why_it_stands(&self.hand, rest)?;
+        Ok(in_mm(at_steps, &self.stage))
     }
 }

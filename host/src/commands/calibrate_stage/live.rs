@@ -58,7 +58,7 @@ pub fn bench(
 ) -> Result<Live, Failure> {
     let path = options.stage.path()?;
     let devices = cameras::per_camera(devices, rig, path)?;
-    let opened = cameras::open(&devices, rig, FPS)?;
+    let opened = cameras::open(&devices, (rig, path), FPS)?;
     let stop = on_interrupt()?;
     let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
     let cameras = LiveCameras::start(opened, WINDOW, 0, stop, tell)?;

@@ -31,7 +31,7 @@ pub fn run(
     let is_real = options.station.is_given();
     let (stage, mounting) = live::stage((is_real, options.fixed), rig, &rig_path)?;
     // Open all cameras before the station, so that nothing moves if one is missing.
-    let cameras = cameras::open(&devices, rig, options.fps)?;
+    let cameras = cameras::open(&devices, (rig, &rig_path), options.fps)?;
     let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
     let window = Duration::from_secs_f64(options.window_ms() * 1e-3);
     let delay_us = (options.delay * 1e3).round() as i64;

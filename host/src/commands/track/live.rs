@@ -52,7 +52,7 @@ pub fn run(
     let devices = cameras::per_camera(devices, &rig, rig_path)?;
     let is_real = options.station.is_given();
     let stage = stage((is_real, options.fixed), &rig, rig_path)?;
-    follow(options, &devices, &rig, stage, out)
+    follow(options, &devices, (&rig, rig_path), stage, out)
 }
 
 /// Returns the triggers of the cameras, if the rig file has them and a station is there to give
@@ -97,14 +97,14 @@ fn anomalies() -> impl FnMut(&InputError) {
 fn follow(
     options: &TrackOptions,
     devices: &[PathBuf],
-    rig: &RigFile,
+    (rig, rig_path): (&RigFile, &Path),
     (stage, mounting): (Stage, Mounting),
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let triggering = triggering(options, rig)?;
     let port = options.station.resolve()?;
     // Open all cameras before the station, so that nothing moves if one is missing.
-    let cameras = cameras::open(devices, rig, options.fps())?;
+    let cameras = cameras::open(devices, (rig, rig_path), options.fps())?;
     let ms = |ms: f64| Duration::from_secs_f64(ms * 1e-3);
     let stop = on_interrupt()?;
     let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
@@ -164,15 +164,16 @@ fn follow(
         };
         notice!(
             "{name} ({}): {} images, {} used, {} overtaken by newer ones, {} without partners{}, \
-             {} stale, {} damaged, {} out of order; its driver lost {}{}",
+             {} stale, {} damaged, {} incomplete, {} out of order; its driver lost {}{}",
             device.display(),
-            matching.arrived + tally.stale + tally.damaged + tally.doubled,
+            matching.arrived + tally.stale + tally.damaged + tally.incomplete + tally.doubled,
             matching.used,
             matching.overtaken,
             matching.unmatched,
             within,
             tally.stale,
             tally.damaged,
+            tally.incomplete,
             matching.disordered,
             tally.lost,
             of_triggers

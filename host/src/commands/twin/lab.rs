@@ -4,10 +4,11 @@
 use super::console::Disturbance;
 use crate::commands::failure::Failure;
 use rustix::time::{ClockId, clock_gettime};
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 use trinocular::servo::path::TargetPath;
 use trinocular_client::stage::{default_stage, setpoint};
@@ -19,10 +20,7 @@ use trinocular_rig::error::InputError;
 use trinocular_vision::images::cameras::stream::StreamHeader;
 use trinocular_vision::images::{FrameSet, Scene};
 
-/// Longest time for which one reader may hold up the images of the others.
-const WRITE_PATIENCE: Duration = Duration::from_millis(50);
-
-/// Longest line with which a reader names its camera, bytes.
+/// Longest line with which a program names its camera, bytes.
 const LONGEST_NAME: u64 = 64;
 
 /// Setup of the simulated bench.
@@ -163,11 +161,16 @@ pub fn monotonic() -> Duration {
     Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec as u32)
 }
 
-/// A program that reads one camera.
-struct Reader {
-    stream: UnixStream,
-    camera: usize,
+/// Images of one shot.
+struct Pictures {
+    shot: Shot,
+    images: FrameSet,
 }
+
+/// Way to the thread that writes one camera's images to a program. A thread that still writes gets
+/// no further images than the one that waits: a slow or suspended program loses images, which it
+/// counts by their numbers, and keeps its connection.
+type Reader = SyncSender<Arc<Pictures>>;
 
 struct Renderer {
     scene: Scene,
@@ -197,56 +200,74 @@ impl Renderer {
             let seed = self.seed.wrapping_mul(1_000_003);
             let seed = seed.wrapping_add(u64::from(shot.number));
             let images = self.scene.render(relative_mm, since_us, seed);
-            let sent = |reader: &mut Reader| send(reader, &shot, &images);
-            self.readers.retain_mut(sent);
+            let pictures = Arc::new(Pictures { shot, images });
+            self.readers.retain(|reader| {
+                let sent = reader.try_send(Arc::clone(&pictures));
+                !matches!(sent, Err(TrySendError::Disconnected(_)))
+            });
         }
     }
 
     fn receive_readers(&mut self) {
+        let cameras = self.scene.cameras();
         while let Ok((stream, _)) = self.listener.accept() {
-            let named = camera(&stream).filter(|camera| *camera < self.scene.cameras());
-            if let Some(camera) = named {
-                self.readers.push(Reader { stream, camera });
+            let (reader, pictures) = sync_channel(1);
+            let serve = move || {
+                // A program that has gone has its own error to report.
+                let _ = serve(stream, cameras, &pictures);
+            };
+            let thread = std::thread::Builder::new().name("reader".to_owned());
+            if thread.spawn(serve).is_ok() {
+                self.readers.push(reader);
             }
         }
     }
 }
 
-/// Reads the line with which a reader names its camera, counted from 0.
-fn camera(stream: &UnixStream) -> Option<usize> {
-    use std::io::Read as _;
-    stream.set_nonblocking(false).ok()?;
-    stream.set_read_timeout(Some(WRITE_PATIENCE)).ok()?;
-    stream.set_write_timeout(Some(WRITE_PATIENCE)).ok()?;
-    let mut line = String::new();
-    BufReader::new(stream.take(LONGEST_NAME))
-        .read_line(&mut line)
-        .ok()?;
-    line.strip_prefix("camera ")?.trim().parse().ok()
+/// Writes the images of the camera that a program names, until the program or the twin ends.
+fn serve(
+    mut stream: UnixStream,
+    cameras: usize,
+    pictures: &Receiver<Arc<Pictures>>,
+) -> io::Result<()> {
+    stream.set_nonblocking(false)?;
+    let Some(camera) = camera(&stream).filter(|camera| *camera < cameras) else {
+        return Ok(());
+    };
+    while let Ok(pictures) = pictures.recv() {
+        let Some(image) = pictures.images.images.get(camera) else {
+            return Ok(());
+        };
+        let header = StreamHeader {
+            number: pictures.shot.number,
+            captured: pictures.shot.captured,
+            size_px: [image.width, image.height].map(|side| side as u16),
+        };
+        for header in headers(header, pictures.shot.disturbance.filter(|_| camera == 0)) {
+            stream.write_all(&header.bytes())?;
+            stream.write_all(&image.grey)?;
+        }
+    }
+    Ok(())
 }
 
-/// Sends an image to a reader; returns false if the reader has gone or does not keep up.
-fn send(reader: &mut Reader, shot: &Shot, images: &FrameSet) -> bool {
-    let Some(image) = images.images.get(reader.camera) else {
-        return false;
-    };
-    let header = StreamHeader {
-        number: shot.number,
-        captured: shot.captured,
-        size_px: [image.width, image.height].map(|side| side as u16),
-    };
-    let disturbance = shot.disturbance.filter(|_| reader.camera == 0);
-    let headers = match disturbance {
+/// Returns the headers with which an image comes: one, or none or two if it is disturbed.
+fn headers(header: StreamHeader, disturbance: Option<Disturbance>) -> Vec<StreamHeader> {
+    match disturbance {
         None => vec![header],
         Some(Disturbance::Miss) => Vec::new(),
         Some(Disturbance::Double) => {
             let captured = header.captured + DOUBLED_AFTER;
             vec![header, StreamHeader { captured, ..header }]
         }
-    };
-    let mut send = |header: StreamHeader| {
-        let sent = reader.stream.write_all(&header.bytes());
-        sent.and_then(|()| reader.stream.write_all(&image.grey))
-    };
-    headers.into_iter().all(|header| send(header).is_ok())
+    }
+}
+
+/// Reads the line with which a program names its camera, counted from 0.
+fn camera(stream: &UnixStream) -> Option<usize> {
+    let mut line = String::new();
+    BufReader::new(stream.take(LONGEST_NAME))
+        .read_line(&mut line)
+        .ok()?;
+    line.strip_prefix("camera ")?.trim().parse().ok()
 }

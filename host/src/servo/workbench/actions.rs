@@ -1,28 +1,49 @@
 //! Actions that pages ask for, and their outcomes.
 
 use super::super::ServoError;
-use super::desk::Request;
+use super::desk::{PAGE, Request};
 use super::{Bench, Outcome, REST_PATIENCE, Reset, Workbench};
 use std::time::Instant as HostInstant;
+use trinocular_client::below_step::check_steps;
+use trinocular_client::serial::in_words;
 use trinocular_client::shortened::shortened;
 use trinocular_client::{StationError, diagnosis};
 use trinocular_core::frame::message::{Command, Denial, Status};
-use trinocular_core::safety::State;
+use trinocular_core::safety::{State, Trust};
 use trinocular_live::controls::{Action, Reply};
+use trinocular_rig::rig_file::Stage;
 
-/// Refusal of a jog in motion.
+/// Refusal of a motion while another is under way.
 const STILL_MOVES: &str =
-    "the stage still moves: wait until it stands, or stop it; this jog was not done";
+    "the stage still moves: wait until it stands, or stop it; this motion was not done";
 
 /// Refusal of a request that the run did not come to in time.
 const STALE: &str = "the run came to this too late, so it was not done: see what the stage does, \
                      and send it again";
 
+/// Returns a refusal if a position is outside the soft limits.
+fn beyond(stage: &Stage, position_um: [i32; 3]) -> Option<String> {
+    (0..3).find_map(|axis| {
+        let mm = f64::from(position_um[axis]) / 1e3;
+        let [least, greatest] = stage.travel_mm[axis];
+        let is_within = (least..=greatest).contains(&mm);
+        let name = ['x', 'y', 'z'][axis];
+        (!is_within).then(|| {
+            format!(
+                "{name} = {mm} mm is outside the soft limits: travel_mm of the rig file is {least} \
+                 to {greatest} mm"
+            )
+        })
+    })
+}
+
 impl<B: Bench> Workbench<B> {
     /// Does what a page asks for, and answers it.
     pub(super) fn act(&mut self, request: Request) -> Result<(), ServoError> {
         let is_stale = request.is_stale();
-        let Request { action, reply, .. } = request;
+        let Request {
+            action, reply, by, ..
+        } = request;
         if is_stale {
             reply.send(Err(STALE.to_owned()));
             return Ok(());
@@ -31,7 +52,7 @@ impl<B: Bench> Workbench<B> {
             Action::Reset {} if self.servo.is_some() => {
                 reply.send(self.refuse("end following first"));
             }
-            Action::Reset {} => self.begin_reset(Some(reply)),
+            Action::Reset {} => self.begin_reset(Some(reply), by),
             Action::Follow { on: true } if self.servo.is_none() => match self.begin() {
                 Ok(()) => self.starting = Some(reply),
                 refused => reply.send(refused),
@@ -41,19 +62,60 @@ impl<B: Bench> Workbench<B> {
                 self.recording.event("mark", &text);
                 self.hub.mark(text);
             }
-            action => reply.send(self.perform(action)?),
+            action => {
+                let words = self.in_words(&action);
+                let outcome = self.perform(action, by)?;
+                if let (Ok(()), Some(words)) = (&outcome, words) {
+                    self.note_deed(&words, by);
+                }
+                reply.send(outcome);
+            }
         }
         Ok(())
     }
 
-    fn begin_reset(&mut self, reply: Option<Reply>) {
+    /// Returns the command that a page asks for, in words, for a recording.
+    fn in_words(&self, action: &Action) -> Option<String> {
+        let command = match *action {
+            Action::Jog { distance_um } => Command::Jog { distance_um },
+            Action::Zero {} => Command::Zero,
+            Action::Home {} => self.homing(),
+            Action::MotorsOn {} => Command::Motors { on: true },
+            Action::Go { position_um } => {
+                let [x, y, z] = position_um.map(|um| f64::from(um) / 1e3);
+                return Some(format!("go to x={x} y={y} z={z} mm"));
+            }
+            _ => return None,
+        };
+        in_words(&command)
+    }
+
+    fn homing(&self) -> Command {
+        let axes = self.stage.care.home.map(|home| home.is_some());
+        Command::Home { axes }
+    }
+
+    /// Notes in the recording what was done, and by whom; on the pages if it was none of them.
+    fn note_deed(&self, what: &str, by: &str) {
+        let deed = format!("{what}, by {by}");
+        self.recording.event("page", &deed);
+        if by != PAGE {
+            self.hub.note(deed);
+        }
+    }
+
+    fn begin_reset(&mut self, reply: Option<Reply>, by: &'static str) {
         self.cancel_reset("another reset follows");
         let deadline = HostInstant::now() + REST_PATIENCE;
-        self.reset = Some(Reset { deadline, reply });
+        self.reset = Some(Reset {
+            deadline,
+            by,
+            reply,
+        });
     }
 
     /// Does an action whose outcome is known at its end.
-    fn perform(&mut self, action: Action) -> Result<Outcome, ServoError> {
+    fn perform(&mut self, action: Action, by: &'static str) -> Result<Outcome, ServoError> {
         match action {
             Action::Stop {} => {
                 // A reset from before the stop must not undo it.
@@ -71,15 +133,24 @@ impl<B: Bench> Workbench<B> {
                 // A stop and a reset: the stage comes to rest instead of running on to its
                 // prediction, and is ready again.
                 let stopped = self.send("stop", Command::Stop)?;
-                self.begin_reset(None);
+                self.begin_reset(None, by);
                 return Ok(stopped);
             }
             Action::Record { on } => return Ok(self.record(on)),
-            Action::Jog { .. } | Action::Zero {} | Action::Home {} if self.servo.is_some() => {
+            Action::Jog { .. }
+            | Action::Go { .. }
+            | Action::Zero {}
+            | Action::Home {}
+            | Action::MotorsOn {}
+                if self.servo.is_some() =>
+            {
                 return Ok(self.refuse("end following first"));
             }
-            Action::Jog { .. } if self.is_moving() => return Ok(self.refuse(STILL_MOVES)),
+            Action::Jog { .. } | Action::Go { .. } if self.is_moving() => {
+                return Ok(self.refuse(STILL_MOVES));
+            }
             Action::Jog { distance_um } => return self.jog(distance_um),
+            Action::Go { position_um } => return self.go(position_um),
             Action::Zero {} => {
                 let outcome = self.drive("zero", Command::Zero)?;
                 if outcome.is_ok() {
@@ -87,10 +158,8 @@ impl<B: Bench> Workbench<B> {
                 }
                 return Ok(outcome);
             }
-            Action::Home {} => {
-                let axes = self.stage.care.home.map(|home| home.is_some());
-                return self.drive("home", Command::Home { axes });
-            }
+            Action::Home {} => return self.drive("home", self.homing()),
+            Action::MotorsOn {} => return self.drive("motors", Command::Motors { on: true }),
             // Following is as it should be already; the others have their own ways.
             Action::Follow { .. } | Action::Reset {} | Action::Mark { .. } => {}
         }
@@ -99,6 +168,9 @@ impl<B: Bench> Workbench<B> {
 
     /// Moves the stage by a distance; warns if soft limits shorten it.
     fn jog(&mut self, distance_um: [i32; 3]) -> Result<Outcome, ServoError> {
+        if let Err(below) = check_steps(&self.stage, distance_um) {
+            return Ok(self.refuse(&below.to_string()));
+        }
         let before = self.fresh_status();
         let outcome = self.drive("jog", Command::Jog { distance_um })?;
         if outcome.is_ok()
@@ -111,6 +183,33 @@ impl<B: Bench> Workbench<B> {
             }
         }
         Ok(outcome)
+    }
+
+    /// Moves the stage to a position along its axes, which must lie within the soft limits.
+    fn go(&mut self, position_um: [i32; 3]) -> Result<Outcome, ServoError> {
+        let fresh = self.fresh_status();
+        let Some(status) = fresh.or_else(|| self.bench.station().status()) else {
+            return Ok(self.refuse("the station has not said yet where the stage is"));
+        };
+        if status.trust != Trust::Homed {
+            return Ok(
+                self.refuse("the station does not know where the stage is: zero or home it first")
+            );
+        }
+        if let Some(refusal) = beyond(&self.stage, position_um) {
+            return Ok(self.refuse(&refusal));
+        }
+        // To the nearest step of the position: an axis that is there stays.
+        let distance_um = core::array::from_fn(|axis| {
+            let um_per_step = 1e3 / self.stage.steps_per_mm[axis];
+            let steps = (f64::from(position_um[axis]) / um_per_step).round();
+            let away = steps - f64::from(status.position_steps[axis]);
+            (away * um_per_step).round() as i32
+        });
+        match distance_um {
+            [0, 0, 0] => Ok(Ok(())),
+            distance_um => self.jog(distance_um),
+        }
     }
 
     fn refuse(&self, reason: &str) -> Outcome {
@@ -183,9 +282,15 @@ impl<B: Bench> Workbench<B> {
             }
             outcome => outcome,
         };
-        let reply = self.reset.take().and_then(|reset| reset.reply);
+        let (reply, by) = match self.reset.take() {
+            Some(reset) => (reset.reply, reset.by),
+            None => (None, PAGE),
+        };
         let outcome = match outcome {
-            Ok(()) => Ok(()),
+            Ok(()) => {
+                self.note_deed("reset", by);
+                Ok(())
+            }
             Err(error @ StationError::Denied { denial, .. }) => Err(self.refused(&error, denial)),
             Err(error) => {
                 let reason = error.to_string();

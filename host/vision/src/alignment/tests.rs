@@ -310,6 +310,7 @@ fn other_rigs_get_visible_offsets() {
         stage: None,
         pivot: None,
         trigger: None,
+        capture: Vec::new(),
     };
     let mut truth = rig;
     truth.cameras[0].principal_px[0] += 4.0;

@@ -94,6 +94,7 @@ impl Calibration {
             stage: None,
             pivot: None,
             trigger: None,
+            capture: Vec::new(),
         })
     }
 

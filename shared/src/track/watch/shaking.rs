@@ -14,7 +14,7 @@
 use super::window::{Energy, Spread};
 
 /// Share of the stage's energy in the apparent target from which on a loop feeds itself.
-const FEEDS: f32 = 0.74;
+pub(super) const FEEDS: f32 = 0.74;
 
 /// Share of the stage's energy in the apparent target that is enough for a large motion that lasts.
 const LASTS: f32 = 0.3;

@@ -25,6 +25,7 @@ fn sample(k: u64, stage: i64, error: i64) -> Sample {
 /// the fault.
 fn obeys(frames: u64, seen: impl Fn(i64, i64) -> i64) -> Option<(u64, Fault)> {
     let (mut watch, mut stage, mut speed) = (Watch::default(), 0, 0);
+    let unknown = History::default();
     let unseen_only = Bounds {
         error: [0; 3],
         ..bounds()
@@ -37,6 +38,11 @@ fn obeys(frames: u64, seen: impl Fn(i64, i64) -> i64) -> Option<(u64, Fault)> {
         match watch.see(&frame, true, &unseen_only) {
             Advice::Fail(fault) => return Some((k, fault)),
             Advice::GoOn | Advice::Stop => {}
+        }
+        for _ in 0..12 {
+            if let Advice::Fail(fault) = watch.work(&unknown) {
+                return Some((k, fault));
+            }
         }
     }
     None
@@ -95,19 +101,26 @@ proptest! {
     fn any_frames_are_survived(
         frames in prop::collection::vec(any::<(u64, StepVector, StepVector, [f32; 3], bool)>(), 0..60),
         bounds: [StepVector; 2],
+        ticks in 0..12,
     ) {
         let bounds = Bounds { unseen: bounds[0], error: [0; 3], longest_us: 0 };
-        let mut watch = Watch::default();
+        let (mut watch, unknown) = (Watch::default(), History::default());
         let mut last = 0;
         for (capture, stage, error, variance, used) in frames {
             last = last.max(capture);
             let sample = Sample { capture: Instant::from_micros(capture), stage, error, variance };
             watch.see(&sample, used, &bounds);
+            for _ in 0..ticks {
+                watch.work(&unknown);
+            }
         }
         for k in 1..40u64 {
             let capture = Instant::from_micros(last.saturating_add(50_000 * k));
             let sample = Sample { capture, stage: [0; 3], error: [0; 3], variance: [0.1; 3] };
             watch.see(&sample, true, &bounds);
+            for _ in 0..12 {
+                watch.work(&unknown);
+            }
         }
         prop_assert!(!watch.holds() || last > u64::MAX / 2);
     }

@@ -136,7 +136,7 @@ impl Trial {
                     spreads,
                     ramp,
                     explained: match window.span_ms < BRIEF_MS {
-                        true => window.explained(),
+                        true => window.covariances().map_or(0.0, |found| found.explained()),
                         false => 0.0,
                     },
                     rest_ms: 0.9 * within(ms, LEAST_MS, MOST_MS),

@@ -40,7 +40,12 @@ impl Unseen {
         let side = error.signum();
         let distance = error.saturating_abs();
         let near = is_near(error, bound);
-        let moved = way.saturating_mul(side).saturating_add(self.way).max(0);
+        let towards = match side {
+            1 => way,
+            -1 => way.saturating_neg(),
+            _ => 0,
+        };
+        let moved = towards.saturating_add(self.way).max(0);
         let nearer = self.farthest.saturating_abs().saturating_sub(distance);
         if near || side != self.farthest.signum() || nearer > moved / SHARE {
             *self = Self {
@@ -53,14 +58,17 @@ impl Unseen {
         }
         let farthest = self.farthest.saturating_abs().max(distance);
         *self = Self {
-            farthest: farthest.saturating_mul(side),
+            farthest: if side < 0 { -farthest } else { farthest },
             nearest: self.nearest.min(distance),
             first: self.first,
             way: moved,
         };
+        if bound <= 0 || moved <= limit {
+            return false;
+        }
         let steady = farthest.saturating_sub(self.nearest) < moved / STEADY;
         let grown = distance > self.first && farthest > bound / GROWN;
-        bound > 0 && moved > limit && (steady || grown)
+        steady || grown
     }
 }
 

@@ -17,7 +17,7 @@ use super::Sample;
 use crate::time::Instant;
 
 /// Unit of time in the sums, ms. Windows are a few units long, so that the powers stay in range.
-const UNIT_MS: f32 = 100.0;
+pub(super) const UNIT_MS: f32 = 100.0;
 
 /// Largest variance of a residual, steps².
 const MOST: f32 = 1e12;
@@ -157,18 +157,73 @@ impl Window {
         })
     }
 
-    /// Returns the share of the apparent target's variance that a linear function of the stage's
-    /// motion explains, 0 to 1: `Σᵢ bᵢ' A⁻¹ bᵢ / Σᵢ var(pᵢ)` with `A = cov(s, s)` and
-    /// `bᵢ = cov(s, pᵢ)`.
-    pub fn explained(&self) -> f32 {
-        let Some(basis) = Basis::new(&self.times) else {
-            return 0.0;
-        };
+    /// Returns the polynomials on the frames' times; `None` for fewer than four frames.
+    pub fn basis(&self) -> Option<Basis> {
+        Basis::new(&self.times)
+    }
+
+    /// Returns the covariances of stage and apparent target; `None` for fewer than four frames.
+    pub fn covariances(&self) -> Option<Covariances> {
+        let basis = Basis::new(&self.times)?;
         let [sx, sy, sz] = self.axes.each_ref().map(|sums| basis.project(sums.stage));
         let [xx, yy, zz, xy, yz, zx] = self.stages;
         let (xx, yy) = (basis.covariance(xx, sx, sx), basis.covariance(yy, sy, sy));
         let (zz, xy) = (basis.covariance(zz, sz, sz), basis.covariance(xy, sx, sy));
         let (yz, zx) = (basis.covariance(yz, sy, sz), basis.covariance(zx, sz, sx));
+        let rows = [[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]];
+        let (mut target, mut own) = (rows, [0.0; 3]);
+        let axes = self
+            .axes
+            .iter()
+            .zip(self.cross)
+            .zip(&mut target)
+            .zip(&mut own);
+        for (axis, (((sums, [ex, ey, ez]), row), own)) in axes.enumerate() {
+            let e = basis.project(sums.error);
+            let ex = basis.covariance(ex, e, sx);
+            let ey = basis.covariance(ey, e, sy);
+            let ez = basis.covariance(ez, e, sz);
+            let [x, y, z] = *row;
+            let (x, y, z) = (x + ex, y + ey, z + ez);
+            *row = [x, y, z];
+            let error = basis.covariance(sums.square, e, e);
+            *own = match axis {
+                0 => x + ex + error,
+                1 => y + ey + error,
+                _ => z + ez + error,
+            };
+        }
+        Some(Covariances {
+            stage: rows,
+            target,
+            own,
+        })
+    }
+}
+
+/// Covariances of the residuals of stage `s` and apparent target `p`, steps².
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Covariances {
+    /// `cov(s, s)`.
+    pub stage: [[f32; 3]; 3],
+    /// `cov(p, s)`, a row for each axis of the target.
+    pub target: [[f32; 3]; 3],
+    /// Variances of the target.
+    pub own: [f32; 3],
+}
+
+impl Covariances {
+    /// Returns the sum of the target's variances.
+    pub fn all(&self) -> f32 {
+        let [x, y, z] = self.own;
+        x + y + z
+    }
+
+    /// Returns the share of the apparent target's variance that a linear function of the stage's
+    /// motion explains, 0 to 1: `Σᵢ bᵢ' A⁻¹ bᵢ / Σᵢ var(pᵢ)` with `A = cov(s, s)` and
+    /// `bᵢ = cov(s, pᵢ)`.
+    pub fn explained(&self) -> f32 {
+        let [[xx, xy, zx], [_, yy, yz], [_, _, zz]] = self.stage;
         // An axis that rests explains nothing, and must not make the matrix singular.
         let ridge = 0.1 + 1e-3 * (xx + yy + zz);
         let (a, b, c) = (xx + ridge, yy + ridge, zz + ridge);
@@ -176,32 +231,18 @@ impl Window {
         let (ax, ay, az) = (b * c - yz * yz, yz * zx - xy * c, xy * yz - b * zx);
         let (by, bz, cz) = (a * c - zx * zx, xy * zx - a * yz, a * b - xy * xy);
         let determinant = a * ax + xy * ay + zx * az;
-        let rows = [[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]];
-        let (mut explained, mut all) = (0.0, 0.0);
-        let axes = self.axes.iter().zip(self.cross).zip(rows).enumerate();
-        for (axis, ((sums, [ex, ey, ez]), own)) in axes {
-            let e = basis.project(sums.error);
-            let ex = basis.covariance(ex, e, sx);
-            let ey = basis.covariance(ey, e, sy);
-            let ez = basis.covariance(ez, e, sz);
-            let [x, y, z] = own;
-            let (x, y, z) = (x + ex, y + ey, z + ez);
+        let mut explained = 0.0;
+        for [x, y, z] in self.target {
             let first = x * (ax * x + ay * y + az * z);
             let second = y * (ay * x + by * y + bz * z);
             explained += first + second + z * (az * x + bz * y + cz * z);
-            let error = basis.covariance(sums.square, e, e);
-            all += match axis {
-                0 => x + ex + error,
-                1 => y + ey + error,
-                _ => z + ez + error,
-            };
         }
-        within(explained / (determinant * all), 0.0, 1.0)
+        within(explained / (determinant * self.all()), 0.0, 1.0)
     }
 }
 
 /// Polynomials that are orthogonal on the frames' times: `1`, `t - m`, `t² - c (t - m) - q`.
-struct Basis {
+pub(super) struct Basis {
     mean: f32,
     tilt: f32,
     square: f32,
@@ -239,20 +280,20 @@ impl Basis {
     }
 
     /// Converts the sums with 1, t, t² to those with the polynomials.
-    fn project(&self, [x, xt, xt2]: [f32; 3]) -> [f32; 3] {
+    pub fn project(&self, [x, xt, xt2]: [f32; 3]) -> [f32; 3] {
         let first = xt - x * self.mean;
         [x, first, xt2 - x * self.square - self.tilt * first]
     }
 
     /// Returns the covariance of two residuals, from the sum of the products and both projections.
-    fn covariance(&self, sum: f32, [a, b, c]: [f32; 3], [d, e, f]: [f32; 3]) -> f32 {
+    pub fn covariance(&self, sum: f32, [a, b, c]: [f32; 3], [d, e, f]: [f32; 3]) -> f32 {
         let [over, slope, bend] = self.over;
         (sum - a * d * over - b * e * slope - c * f * bend) * self.share
     }
 }
 
 /// Returns the difference of two positions, steps.
-fn from([x, y, z]: StepVector, [a, b, c]: StepVector) -> [f32; 3] {
+pub(super) fn from([x, y, z]: StepVector, [a, b, c]: StepVector) -> [f32; 3] {
     [
         steps(x.saturating_sub(a)),
         steps(y.saturating_sub(b)),
@@ -283,6 +324,10 @@ mod tests {
             });
         }
         window
+    }
+
+    fn explained(window: &Window) -> f32 {
+        window.covariances().map_or(0.0, |found| found.explained())
     }
 
     fn wave(t: f64) -> f64 {
@@ -316,9 +361,9 @@ mod tests {
             let (x, y) = (wave(t), wave(1.3 * t + 0.4));
             ([x, y, 0.0], [-0.5 * x + 0.8 * y, -0.8 * x - 0.5 * y, 0.0])
         };
-        assert!(window(40, turned).explained() > 0.99);
+        assert!(explained(&window(40, turned)) > 0.99);
         let alone = |t: f64| ([wave(t), 0.0, 0.0], [-wave(t) + wave(1.7 * t), 0.0, 0.0]);
-        assert!(window(40, alone).explained() < 0.2);
-        assert_eq!(window(3, turned).explained(), 0.0);
+        assert!(explained(&window(40, alone)) < 0.2);
+        assert_eq!(explained(&window(3, turned)), 0.0);
     }
 }

@@ -9,15 +9,20 @@
 
 use super::Line;
 use crate::StationError;
-use crate::serial::busy::Holder;
+use crate::serial::holder::Holder;
 use crate::serial::port::{self, Halves};
 use crate::serial::terminal::Terminal;
 use std::time::{Duration, Instant};
 use trinocular_core::frame::message::{Hello, Mismatch};
 use trinocular_core::safety::State;
+use trinocular_rig::notice;
 
 /// Silence after which a pinged station counts as lost.
 const SILENCE: Duration = Duration::from_secs(2);
+
+/// Silence after which an owner counts as lost: less than the station's, so that the error names
+/// the owner.
+const OWNER_SILENCE: Duration = Duration::from_millis(1_500);
 
 /// Period at which a lost port is opened again and hello repeated.
 const RETRY: Duration = Duration::from_millis(250);
@@ -34,6 +39,8 @@ pub(super) enum Link {
         since: Instant,
         reason: String,
         next_try: Instant,
+        /// True once the user has been told.
+        is_told: bool,
     },
     /// Given up for this reason.
     Over(String),
@@ -61,8 +68,15 @@ impl Line {
             return self.go_down("the station restarted".to_owned());
         }
         let is_pinged = self.pings && self.interruption.is_none();
-        if is_pinged && self.heard.elapsed() > SILENCE {
-            let reason = format!("no answer for {} s", SILENCE.as_secs());
+        let silence = match &self.owner {
+            Some(_) => OWNER_SILENCE,
+            None => SILENCE,
+        };
+        if is_pinged && self.heard.elapsed() > silence {
+            let reason = match &self.owner {
+                Some(owner) => crate::silent_owner(Some(owner)),
+                None => format!("no answer for {} s", SILENCE.as_secs()),
+            };
             // A silent pseudo-terminal is kept open, because its name may not be opened again. A
             // silent owner may go on; only one that closes the connection is lost.
             match (&self.terminal, &self.owner) {
@@ -109,6 +123,7 @@ impl Line {
                 since,
                 reason,
                 next_try: since,
+                is_told: false,
             };
         }
     }
@@ -125,12 +140,14 @@ impl Line {
             since,
             reason,
             next_try,
+            is_told,
         } = &mut self.link
         else {
             return;
         };
         let now = Instant::now();
         let (since, cause) = (*since, reason.clone());
+        let is_told = std::mem::replace(is_told, true);
         let due = now >= *next_try;
         if due {
             *next_try = now + RETRY;
@@ -159,7 +176,17 @@ impl Line {
                 Some(_) => format!("{cause}; {GONE}"),
                 None => cause,
             });
-        } else if due && terminal.is_none_or(|terminal| terminal.is_back(&self.path)) {
+            return;
+        }
+        if !is_told {
+            // The caller waits for the line.
+            notice!(
+                "{}: the line is lost: {cause}; trying for {} s to find the station again",
+                self.path,
+                self.patience.as_secs()
+            );
+        }
+        if due && terminal.is_none_or(|terminal| terminal.is_back(&self.path)) {
             if is_broken {
                 let terminal = Terminal::at(&self.path);
                 let halves = port::open(&self.path).ok();

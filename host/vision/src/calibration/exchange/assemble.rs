@@ -82,6 +82,7 @@ pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
         stage,
         pivot: None,
         trigger: None,
+        capture: Vec::new(),
     }
     .to_toml();
     let rig = RigFile::parse(&first.path, &text).map_err(|error| blame(members, error))?;

@@ -11,6 +11,7 @@
 //! used; many cameras spoil it anyway. Its `drop` panics if a connected camera cannot be stopped;
 //! that could happen only in the camera's own thread or before any motion.
 
+mod listing;
 mod refusal;
 
 use std::io;
@@ -31,6 +32,8 @@ use super::live::{Camera, CameraEvent};
 use super::numbers::Numbers;
 use super::stamp::{Clocks, Moments, Point, Source, Stamp};
 use trinocular_rig::error::InputError;
+
+pub use listing::{Listed, list};
 
 /// Number of buffers that are requested: this program holds one, the driver fills the others.
 const BUFFERS: u32 = 5;

@@ -14,6 +14,7 @@
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::matching::{Counts, Matching, Set};
@@ -27,6 +28,10 @@ pub const PATIENCE: Duration = Duration::from_secs(3);
 /// Interval at which a waiting thread checks for the end.
 const LOOK: Duration = Duration::from_millis(20);
 
+/// Longest time between two checks that counts as waiting. A program that was suspended for longer
+/// has waited for no image meanwhile.
+const LONGEST_LOOK: Duration = Duration::from_millis(200);
+
 /// Result of one wait for an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CameraEvent {
@@ -36,6 +41,8 @@ pub enum CameraEvent {
     Stale,
     /// Image that the camera or its line has damaged.
     Damaged,
+    /// Image of which packets are missing.
+    Incomplete,
     /// No image yet.
     Nothing,
 }
@@ -55,6 +62,11 @@ pub trait Camera: Send + 'static {
     fn lost(&self) -> u64 {
         0
     }
+
+    /// Returns true if no program can use the camera until this one has released it.
+    fn needs_release(&self) -> bool {
+        false
+    }
 }
 
 impl Camera for Box<dyn Camera> {
@@ -69,6 +81,10 @@ impl Camera for Box<dyn Camera> {
     fn lost(&self) -> u64 {
         self.as_ref().lost()
     }
+
+    fn needs_release(&self) -> bool {
+        self.as_ref().needs_release()
+    }
 }
 
 /// Number of one camera's images, by their fate.
@@ -80,6 +96,8 @@ pub struct Tally {
     pub stale: u64,
     /// Damaged images.
     pub damaged: u64,
+    /// Images of which packets are missing.
+    pub incomplete: u64,
     /// Images that the camera's driver lost.
     pub lost: u64,
     /// Triggers of which the camera has no image.
@@ -93,6 +111,7 @@ impl Tally {
     pub fn drops(&self) -> Vec<(&'static str, u64)> {
         let drops = [
             ("damaged", self.damaged),
+            ("with missing packets", self.incomplete),
             ("lost by the driver", self.lost),
             ("missed triggers", self.missed),
             ("of unknown time", self.stale),
@@ -141,7 +160,8 @@ impl Shared {
 }
 
 /// Running cameras: an iterator of frame sets that ends on the stop flag or after an error.
-/// Dropping it ends the threads, each after its present [wait](Camera::next_image).
+/// Dropping it ends the threads, each after its present [wait](Camera::next_image), and waits for
+/// those whose camera [needs its release](Camera::needs_release).
 pub struct LiveCameras {
     shared: Arc<Shared>,
     paths: Vec<PathBuf>,
@@ -151,6 +171,8 @@ pub struct LiveCameras {
     failed: bool,
     tell: Box<dyn FnMut(&InputError)>,
     tell_anomaly: Box<dyn FnMut(&InputError)>,
+    /// Threads of cameras that need their release.
+    releases: Vec<JoinHandle<()>>,
 }
 
 impl LiveCameras {
@@ -224,7 +246,7 @@ impl LiveCameras {
             arrived: Condvar::new(),
             ended: AtomicBool::new(false),
         });
-        let live = Self {
+        let mut live = Self {
             shared: Arc::clone(&shared),
             paths: cameras.iter().map(Camera::path).collect(),
             started,
@@ -233,16 +255,20 @@ impl LiveCameras {
             failed: false,
             tell: Box::new(tell),
             tell_anomaly: Box::new(|_| ()),
+            releases: Vec::new(),
         };
         for (index, camera) in cameras.into_iter().enumerate() {
             let shared = Arc::clone(&shared);
-            let path = camera.path();
+            let (path, needs_release) = (camera.path(), camera.needs_release());
             let source = source(path.clone());
             let run = move || attend(camera, index, source, &shared);
-            std::thread::Builder::new()
+            let thread = std::thread::Builder::new()
                 .name(format!("camera {index}"))
                 .spawn(run)
                 .map_err(|cause| InputError::io(&path, "start its thread", &cause))?;
+            if needs_release {
+                live.releases.push(thread);
+            }
         }
         Ok(live)
     }
@@ -275,9 +301,19 @@ impl LiveCameras {
             .min_by_key(|(_, (counts, _))| counts.arrived);
         let (path, reason) = match (silent, self.paths.first()) {
             (Some((camera, _)), _) => {
-                let Tally { stale, damaged, .. } = state.tallies[camera];
-                let reason = match stale + damaged {
-                    0 => format!("no image for {waited} s: is the camera still there?"),
+                let Tally {
+                    stale,
+                    damaged,
+                    incomplete,
+                    ..
+                } = state.tallies[camera];
+                let reason = match (stale + damaged, incomplete) {
+                    (0, 0) => format!("no image for {waited} s: is the camera still there?"),
+                    (0, _) => format!(
+                        "no whole image for {waited} s; so far {incomplete} had missing packets \
+                         (set packet_size_bytes and packet_delay_us in the rig file, and the \
+                         system's receive buffer)"
+                    ),
                     _ => format!(
                         "no image that can be used for {waited} s; so far {damaged} were \
                          damaged, and {stale} came faster than they were fetched \
@@ -308,7 +344,7 @@ impl LiveCameras {
             counts.map(|counts| counts.arrived).collect()
         };
         let before = arrived(&state);
-        let end = Instant::now() + self.patience;
+        let (mut waited, mut looked) = (Duration::ZERO, Instant::now());
         loop {
             if self.stop.load(Relaxed) {
                 return None;
@@ -319,11 +355,14 @@ impl LiveCameras {
             if let Some(error) = state.failed.take() {
                 return Some(Err(error));
             }
-            if Instant::now() >= end {
+            let now = Instant::now();
+            waited += now.duration_since(looked).min(LONGEST_LOOK);
+            looked = now;
+            if waited >= self.patience {
                 return Some(Err(self.silence(&state, &before)));
             }
-            let waited = self.shared.arrived.wait_timeout(state, LOOK);
-            (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
+            let woken = self.shared.arrived.wait_timeout(state, LOOK);
+            (state, _) = woken.unwrap_or_else(PoisonError::into_inner);
         }
     }
 }
@@ -414,6 +453,7 @@ fn attend<C: Camera>(mut camera: C, index: usize, mut source: TimeSource, shared
             }
             Ok(CameraEvent::Stale) => state.tallies[index].stale += 1,
             Ok(CameraEvent::Damaged) => state.tallies[index].damaged += 1,
+            Ok(CameraEvent::Incomplete) => state.tallies[index].incomplete += 1,
             Ok(CameraEvent::Nothing) => (),
             Err(error) => {
                 if state.matching.leave_out(index) {
@@ -462,6 +502,10 @@ impl Iterator for LiveCameras {
 impl Drop for LiveCameras {
     fn drop(&mut self) {
         self.shared.ended.store(true, Relaxed);
+        for thread in self.releases.drain(..) {
+            // A thread that panicked has dropped its camera, too.
+            let _ = thread.join();
+        }
     }
 }
 

@@ -100,6 +100,8 @@ pub enum Doubt {
     Ahead,
     /// A stamp was long before its image's arrival.
     Behind,
+    /// The camera stamps no images.
+    NoStamps,
 }
 
 /// Source of a camera's time stamps.
@@ -107,6 +109,9 @@ pub enum Doubt {
 pub enum Source {
     /// Driver's stamps of this point.
     Driver(Point),
+    /// Camera's stamps, by a clock of its own that is [compared](super::device_clock) with the
+    /// computer's.
+    Device,
     /// Arrival of the images.
     Arrival(Doubt),
 }
@@ -120,6 +125,8 @@ impl fmt::Display for Source {
             Self::Driver(Point::Start) => {
                 return f.write_str("images have the driver's time, of their start");
             }
+            Self::Device => return f.write_str("images have the camera's time"),
+            Self::Arrival(Doubt::NoStamps) => "the camera stamps no images",
             Self::Arrival(Doubt::OtherClock) => "its driver does not use the monotonic clock",
             Self::Arrival(Doubt::Ahead) => "its driver's lie in the future",
             Self::Arrival(Doubt::Behind) => "its driver's lie seconds back",

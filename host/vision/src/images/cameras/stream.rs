@@ -78,6 +78,8 @@ pub struct StreamCamera<R> {
     arrived: Vec<u8>,
     moments: Moments,
     numbers: Numbers,
+    /// True once an image has arrived.
+    has_images: bool,
 }
 
 impl<R> StreamCamera<R> {
@@ -97,6 +99,7 @@ impl<R> StreamCamera<R> {
             arrived: Vec::new(),
             moments: Moments::new(Clocks::read(monotonic)),
             numbers: Numbers::default(),
+            has_images: false,
         }
     }
 
@@ -127,8 +130,23 @@ impl<R: Read> StreamCamera<R> {
     }
 
     fn is_filled(&mut self, count: usize) -> Result<bool, InputError> {
-        self.fill(count)
-            .map_err(|cause| self.failed(&format!("its program has ended: {cause}")))
+        self.fill(count).map_err(|cause| self.ended(&cause))
+    }
+
+    /// Returns the error for the end of the input.
+    fn ended(&self, cause: &io::Error) -> InputError {
+        let is_closed = matches!(
+            cause.kind(),
+            ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset | ErrorKind::BrokenPipe
+        );
+        match (is_closed, self.has_images) {
+            (true, true) => self.failed("its program has ended"),
+            (true, false) => self.failed(
+                "its program closed the connection before the first image: it has ended, or has \
+                 no such camera; give both programs the same rig file",
+            ),
+            (false, _) => self.failed(&format!("cannot be read: {cause}")),
+        }
     }
 }
 
@@ -158,9 +176,12 @@ impl<R: Read + Send + 'static> Camera for StreamCamera<R> {
         }
         let grey = self.arrived.split_off(HEADER);
         self.arrived.clear();
+        self.has_images = true;
         self.numbers.saw(header.number);
         let stamp = Stamp::Monotonic(header.captured, Point::Start);
-        let moment = self.moments.of(stamp, Instant::now(), true);
+        // An image waits in the line for as long as this program is suspended. Its stamp is right
+        // all the same.
+        let moment = self.moments.of(stamp, Instant::now(), false);
         let image = Image {
             width: width as usize,
             height: height as usize,
@@ -234,11 +255,36 @@ mod tests {
             let (last, camera, error) = all(camera(parts));
             assert_eq!(last, [7, 8, 11], "{length}");
             assert_eq!(camera.lost(), 2);
+            assert_eq!(error, "twin:left: its program has ended");
+        }
+    }
+
+    #[test]
+    fn end_before_first_image_is_named() {
+        for begun in [vec![], image(1)[..25].to_vec()] {
+            let (last, _, error) = all(camera(vec![begun]));
             assert!(
-                error.contains("twin:left") && error.contains("ended"),
+                last.is_empty() && error.contains("the same rig file"),
                 "{error}"
             );
         }
+    }
+
+    /// A program that was suspended finds an image in the line that is older than any camera's.
+    #[test]
+    fn image_from_suspension_is_stale() {
+        let header = StreamHeader {
+            number: 7,
+            captured: Duration::from_secs(60),
+            size_px: [3, 2],
+        };
+        let old = [header.bytes().to_vec(), vec![9; 6]].concat();
+        let mut camera = camera(vec![[old, image(8)].concat()]);
+        assert_eq!(camera.next_image(), Ok(CameraEvent::Stale));
+        let Ok(CameraEvent::Image(_, next)) = camera.next_image() else {
+            panic!("the stamps are believed as before");
+        };
+        assert_eq!(next.grey.last(), Some(&8));
     }
 
     #[test]

@@ -82,7 +82,8 @@ impl Bench {
 
     /// Waits until `shots` images of each camera have been processed.
     fn settle(&self, shots: [u64; 3]) {
-        let seen = |tally: &Tally| tally.matching.arrived + tally.stale + tally.damaged;
+        let seen =
+            |tally: &Tally| tally.matching.arrived + tally.stale + tally.damaged + tally.incomplete;
         while self.live.tallies().iter().map(seen).ne(shots) {
             std::thread::sleep(Duration::from_millis(1));
         }
@@ -121,10 +122,13 @@ fn newest_set_is_given_and_the_rest_counted() {
     }
     bench.send(1, 200, 9);
     bench.senders[2].send(CameraEvent::Damaged).unwrap();
+    for _ in 0..2 {
+        bench.senders[2].send(CameraEvent::Incomplete).unwrap();
+    }
     bench.senders[2].send(CameraEvent::Stale).unwrap();
     // Delivered 20 ms after the start, so taken before it.
     bench.send(0, 20, 9);
-    bench.settle([4, 4, 5]);
+    bench.settle([4, 4, 7]);
     let capture = bench.live.next().unwrap().unwrap();
     assert_eq!(capture.images, [image(2), image(2), image(2)]);
     let tallies = bench.live.tallies();
@@ -134,7 +138,9 @@ fn newest_set_is_given_and_the_rest_counted() {
         assert_eq!(tally.matching.overtaken, 2);
     }
     let rest = tallies.iter().map(|t| (t.stale, t.damaged, t.lost));
-    assert_eq!(rest.collect::<Vec<_>>(), [(1, 0, 4), (0, 0, 4), (1, 1, 5)]);
+    assert_eq!(rest.collect::<Vec<_>>(), [(1, 0, 4), (0, 0, 4), (1, 1, 7)]);
+    let drops = tallies[2].drops();
+    assert!(drops.contains(&("with missing packets", 2)), "{drops:?}");
 }
 
 #[test]

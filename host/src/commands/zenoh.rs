@@ -13,10 +13,12 @@ use publishing::Publishing;
 use crate::commands::failure::Failure;
 use clap::Args;
 use std::cell::RefCell;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use trinocular::servo::observer::ServoObserver;
-use trinocular::servo::recording::observers_of;
+use trinocular::servo::recording::{FrameSetTaker, observers_of};
 use trinocular_core::rig::Rig;
+use trinocular_live::Controls;
 use trinocular_recording::queue::Pace;
 
 /// Environment variable with the ROS domain.
@@ -32,10 +34,11 @@ pub struct ZenohOption {
     /// endpoint [default: tcp/127.0.0.1:7447]
     ///
     /// Nodes of ROS 2 (Jazzy or later) on rmw_zenoh_cpp receive /trinocular/displacement,
-    /// /trinocular/CAMERA/image_raw and /tf, in the domain of ROS_DOMAIN_ID. Start the router first:
-    /// `ros2 run rmw_zenoh_cpp rmw_zenohd`. With --sim and the twin the run takes its real time. What
-    /// the network is too slow for is dropped and counted. Needs a program that was built with
-    /// `--features trinocular/zenoh`.
+    /// /trinocular/CAMERA/image_raw and /tf, in the domain of ROS_DOMAIN_ID. `serve --control` also
+    /// takes /trinocular/stop, reset, follow and goal, from every node that reaches the router. Start
+    /// the router first: `ros2 run rmw_zenoh_cpp rmw_zenohd`. `track --sim` on the twin then takes its
+    /// real time. What the network is too slow for is dropped and counted. Needs a program that was
+    /// built with `--features trinocular/zenoh`.
     #[arg(
         long,
         value_name = "ENDPOINT",
@@ -72,22 +75,33 @@ fn domain(value: Option<&str>) -> Result<u32, Failure> {
 
 impl ZenohOption {
     /// Opens the session of a run with these cameras, if one was requested, before anything moves.
-    pub fn begin(&self, cameras: &[String], pace: Pace) -> Result<(), Failure> {
+    /// Nodes may then use the controls.
+    pub fn begin(
+        &self,
+        cameras: &[String],
+        pace: Pace,
+        controls: Option<Arc<dyn Controls>>,
+    ) -> Result<(), Failure> {
         let Some(endpoint) = &self.zenoh else {
             return Ok(());
         };
         let domain = domain(std::env::var(DOMAIN).ok().as_deref())?;
         self.run.replace(Some(Run {
-            publishing: Publishing::open(endpoint, domain, cameras, pace)?,
+            publishing: Publishing::open(endpoint, domain, cameras, pace, controls)?,
             started: Instant::now(),
         }));
         Ok(())
     }
 
+    /// Returns the taker of the run's frame sets, if it is published.
+    pub fn taker(&self) -> Option<Arc<dyn FrameSetTaker>> {
+        let run = self.run.borrow();
+        run.as_ref().map(|run| run.publishing.taker())
+    }
+
     /// Returns the observers of the loop: one if the run is published.
     pub fn observers(&self, rig: &Rig) -> Vec<Box<dyn ServoObserver>> {
-        let run = self.run.borrow();
-        observers_of(run.as_ref().map(|run| run.publishing.taker()), rig)
+        observers_of(self.taker(), rig)
     }
 
     /// Waits until a published run has lasted `time_s`.

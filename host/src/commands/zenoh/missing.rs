@@ -3,6 +3,7 @@
 use crate::commands::failure::Failure;
 use std::sync::Arc;
 use trinocular::servo::recording::FrameSetTaker;
+use trinocular_live::Controls;
 use trinocular_recording::queue::Pace;
 
 /// Publisher that cannot be opened.
@@ -11,7 +12,13 @@ pub enum Publishing {}
 
 impl Publishing {
     /// Refuses.
-    pub fn open(_: &str, _: u32, _: &[String], _: Pace) -> Result<Self, Failure> {
+    pub fn open(
+        _: &str,
+        _: u32,
+        _: &[String],
+        _: Pace,
+        _: Option<Arc<dyn Controls>>,
+    ) -> Result<Self, Failure> {
         let reason = "this program was built without topics of ROS 2: build it with \
                       `cargo build --release --features trinocular/zenoh`";
         Err(Failure::Usage(reason.to_owned()))
