@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
 /// Returns a command that runs the current `trinocular`.
 pub fn trinocular() -> Command {
@@ -22,6 +23,26 @@ pub fn signal(program: &Child, name: &str) {
         .args([&format!("-{name}"), &program.id().to_string()])
         .status();
     assert!(sent.expect("kill runs").success());
+}
+
+/// Suspends a running program (SIGSTOP), and waits until all its threads stand: on a busy computer
+/// some run on for a while.
+pub fn suspend(program: &Child) {
+    signal(program, "STOP");
+    let threads = PathBuf::from(format!("/proc/{}/task", program.id()));
+    let stands = |thread: std::io::Result<std::fs::DirEntry>| {
+        let about = thread.and_then(|thread| std::fs::read_to_string(thread.path().join("stat")));
+        // The state follows the name, which stands in parentheses. A thread may have ended.
+        about.map_or(true, |about| {
+            let state = about.rsplit_once(')').map(|(_, rest)| rest.trim_start());
+            state.is_some_and(|state| state.starts_with('T'))
+        })
+    };
+    let end = Instant::now() + Duration::from_secs(60);
+    while !std::fs::read_dir(&threads).is_ok_and(|mut threads| threads.all(stands)) {
+        assert!(Instant::now() < end, "the program is not suspended");
+        std::thread::sleep(Duration::from_millis(1));
+    }
 }
 
 /// Exit code and output of a finished run.

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use trinocular_client::stage::default_stage;
 use trinocular_rig::rig_file::{RigFile, Trigger};
-use trinocular_tests::binary::{Outcome, interrupt, signal, trinocular};
+use trinocular_tests::binary::{Outcome, interrupt, signal, suspend, trinocular};
 
 /// A heartbeat timeout that a busy test machine does not exceed.
 const HEARTBEAT: [&str; 2] = ["--heartbeat", "5000"];
@@ -375,7 +375,7 @@ fn suspended_reader_loses_images_only() {
         }
     };
     reaches("the first images", &|state| turns(state) > 5);
-    signal(&serve, "STOP");
+    suspend(&serve);
     // Longer than the 3 s for which a program waits for images.
     std::thread::sleep(Duration::from_millis(3_500));
     signal(&serve, "CONT");

@@ -2,7 +2,7 @@
 
 use super::{Desk, RUNS, alone, ended, moving, stands_stopped};
 use std::process::Stdio;
-use trinocular_tests::binary::{interrupt, signal};
+use trinocular_tests::binary::{interrupt, signal, suspend};
 use trinocular_tests::far_end::station;
 
 #[test]
@@ -12,7 +12,7 @@ fn suspended_port_owner_is_named() {
     let end = station();
     let first = desk.start(&end, RUNS[0]);
     moving(&end);
-    signal(&first, "STOP");
+    suspend(&first);
     let (code, err) = ended(desk.start(&end, "stop"));
     assert_eq!(code, Some(3), "{err}");
     let kill = format!("kill -9 {}", first.id());
@@ -48,7 +48,7 @@ fn suspended_owner_is_named_to_guests() {
     let end = station();
     let first = desk.start(&end, RUNS[0]);
     moving(&end);
-    signal(&first, "STOP");
+    suspend(&first);
     let pid = format!("process {}", first.id());
     for guest in ["status", "jog x=1", "motors on"] {
         let (code, err) = ended(desk.start(&end, guest));

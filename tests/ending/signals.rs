@@ -5,7 +5,7 @@ use std::fs::File;
 use std::process::{Command, Stdio};
 use trinocular_client::serial::Serial;
 use trinocular_core::safety::{Fault, State};
-use trinocular_tests::binary::{signal, trinocular};
+use trinocular_tests::binary::{signal, suspend, trinocular};
 use trinocular_tests::far_end::station;
 
 /// Signals that end a program by default, without those of the other tests, and SIGTSTP (Ctrl-Z).
@@ -61,7 +61,7 @@ fn suspended_host_stops_by_heartbeat() {
     let end = station();
     let run = desk.start(&end, "jog x=50 --rig wide.toml --heartbeat 500");
     moving(&end);
-    signal(&run, "STOP");
+    suspend(&run);
     let stood = end.standing();
     assert!(stood[0] < 4_000, "{stood:?}");
     signal(&run, "CONT");

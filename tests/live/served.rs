@@ -23,15 +23,17 @@ impl Served {
             .spawn()
             .expect("the program runs");
         let mut lines = BufReader::new(program.stderr.take().expect("piped")).lines();
+        let mut said = Vec::new();
         let link = lines
             .by_ref()
-            .filter_map(Result::ok)
+            .map_while(Result::ok)
+            .inspect(|line| said.push(line.clone()))
             .find_map(|line| {
                 let (_, link) = line.split_once("http://")?;
                 let (address, token) = link.split_once("/#control=")?;
                 Some((address.to_owned(), token.trim().to_owned()))
-            })
-            .expect("a control link");
+            });
+        let link = link.unwrap_or_else(|| panic!("no control link in {said:#?}"));
         // An unread pipe would block the program.
         std::thread::spawn(move || lines.for_each(drop));
         let mut page = Peer::open(link.0.parse().expect("an address"));

@@ -4,7 +4,7 @@ use super::PATIENCE;
 use super::served::Served;
 use serde_json::json;
 use std::time::{Duration, Instant};
-use trinocular_tests::binary::signal;
+use trinocular_tests::binary::{signal, suspend};
 
 #[test]
 fn jog_during_suspension_is_not_done() {
@@ -13,7 +13,7 @@ fn jog_during_suspension_is_not_done() {
     // The built-in twin follows from the start.
     assert_eq!(page.ask(&json!({"follow": {"on": false}})), None);
     page.state(|state| state["station"]["state"] == "idle");
-    signal(&served.program, "STOP");
+    suspend(&served.program);
     page.say(&json!({"do": {"jog": {"distance_um": [3_000, 0, 0]}}, "id": 1_000}));
     std::thread::sleep(Duration::from_millis(2_500));
     signal(&served.program, "CONT");
