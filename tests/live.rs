@@ -25,6 +25,7 @@ mod slow;
 mod suspended;
 
 use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -34,6 +35,7 @@ use trinocular_core::rig::Rig;
 use trinocular_live::access::Access;
 use trinocular_live::controls::{Action, Offers, Reply};
 use trinocular_live::{Controls, Hub, Server, Setup, Turn};
+use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::{FrameSet, Image};
 
 /// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
@@ -49,6 +51,17 @@ fn setup() -> Setup {
         mounting: Mounting::OnStage,
         scale: None,
     }
+}
+
+/// Writes a rig file of the paper's cameras and the default stage; returns its path.
+fn rig_with_default_stage(folder: &Path) -> PathBuf {
+    let rig = RigFile {
+        stage: Some(default_stage()),
+        ..RigFile::paper()
+    };
+    let path = folder.join("rig.toml");
+    std::fs::write(&path, rig.to_toml()).expect("the folder is ours");
+    path
 }
 
 /// A page without a station: the test is the loop.

@@ -3,6 +3,7 @@
 use std::io::Write as _;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::PathBuf;
+use std::process::Stdio;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -14,6 +15,7 @@ use trinocular_core::frame::message::{Command, Denial, Mounting, Packet};
 use trinocular_core::frame::receive::Receiver;
 use trinocular_core::safety::State;
 use trinocular_rig::rig_file::Stage;
+use trinocular_tests::binary::trinocular;
 use trinocular_tests::far_end::{FarEnd, station, station_behind};
 
 /// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
@@ -460,4 +462,27 @@ fn strangers_at_the_socket_do_no_harm() {
     guest.stop().expect("it is answered");
     assert!(end.standing()[0] < 4_000);
     drop(silent);
+}
+
+/// A stop that another one overtakes has stopped the stage, too.
+#[test]
+fn several_stops_at_once_are_all_done() {
+    let end = station();
+    drop(start(&end));
+    for _ in 0..3 {
+        let stop = || {
+            let mut command = trinocular();
+            command.args(["stop", "--port", &end.path]);
+            command.stdout(Stdio::piped()).stderr(Stdio::piped());
+            command.spawn().expect("it starts")
+        };
+        let stops: Vec<_> = (0..4).map(|_| stop()).collect();
+        for stop in stops {
+            let done = stop.wait_with_output().expect("it ends");
+            let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+            let (said, complained) = (text(&done.stdout), text(&done.stderr));
+            assert!(done.status.success(), "{complained}");
+            assert!(said.starts_with("stopped at "), "{said} {complained}");
+        }
+    }
 }

@@ -163,8 +163,8 @@ fn restart_in_motion_is_no_success() {
     let mut jog = trinocular();
     jog.args(words.split_whitespace())
         .current_dir(twin.folder.path());
-    let mut jog = jog
-        .stdout(Stdio::null())
+    let jog = jog
+        .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
         .expect("it runs");
@@ -175,10 +175,13 @@ fn restart_in_motion_is_no_success() {
         }
     }
     twin.order("restart");
-    let code = jog.wait().expect("it ends").code();
-    let text = std::io::read_to_string(jog.stderr.take().expect("it is piped")).expect("UTF-8");
-    assert_eq!(code, Some(3), "{text}");
+    let done = jog.wait_with_output().expect("it ends");
+    let text = String::from_utf8(done.stderr).expect("UTF-8");
+    assert_eq!(done.status.code(), Some(3), "{text}");
     assert!(text.contains("restarted"), "{text}");
+    // The station counts from zero again: a distance would be false.
+    let said = String::from_utf8(done.stdout).expect("UTF-8");
+    assert!(!said.contains("0 0 0 steps"), "{said}");
     // A stop reaches the restarted station.
     twin.good("stop");
 }

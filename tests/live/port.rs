@@ -1,5 +1,6 @@
 //! `serve --port`: what it changes at a station that is there before it.
 
+use super::rig_with_default_stage;
 use serde_json::Value;
 use std::time::Duration;
 use trinocular_client::serial::Serial;
@@ -21,14 +22,48 @@ fn start(end: &FarEnd) -> Serial {
 
 /// Serves the page of the station for a moment; returns what it says.
 fn serve(end: &FarEnd, options: &[&str]) -> String {
+    let folder = tempfile::tempdir().expect("a temporary folder");
     let mut command = trinocular();
     command
         .args(["serve", "--listen", "127.0.0.1:0", "--seconds", "1"])
         .args(["--port", &end.path])
         .args(options);
+    if !options.is_empty() {
+        command
+            .arg("--rig")
+            .arg(rig_with_default_stage(folder.path()));
+    }
     let outcome = Outcome::of(&mut command);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
     outcome.stderr
+}
+
+/// Another stage's steps per mm would move the station otherwise than asked.
+#[test]
+fn page_with_control_needs_the_stage() {
+    let end = station();
+    let mut serial = start(&end);
+    let distance_um = [2_000, 0, 0];
+    serial.command("jog", Command::Jog { distance_um }).unwrap();
+    serial.until_rest().expect("it arrives");
+    drop(serial);
+    let (before, heard) = (status(&end), end.received().len());
+    for option in ["--control", "--follow"] {
+        let mut command = trinocular();
+        command.args([
+            "serve",
+            option,
+            "--listen",
+            "127.0.0.1:0",
+            "--port",
+            &end.path,
+        ]);
+        Outcome::of(&mut command).failed(2, &["--rig", "[stage]", "only shows"]);
+    }
+    assert_eq!(end.received().len(), heard, "nothing was sent");
+    let after = status(&end);
+    assert_eq!(before["position_steps"], after["position_steps"]);
+    assert_eq!(after["trust"], "homed");
 }
 
 fn status(end: &FarEnd) -> Value {

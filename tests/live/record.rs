@@ -1,6 +1,7 @@
 //! Recordings that a page starts and ends while the run goes on.
 
 use super::peer::Peer;
+use super::rig_with_default_stage;
 use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
@@ -166,7 +167,11 @@ fn deeds_stand_in_the_recording() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let place = folder.path().to_str().expect("a name in UTF-8");
     let end = station();
-    let (served, mut page) = Served::start(&["--port", &end.path, "--recordings", place]);
+    let other = tempfile::tempdir().expect("a temporary folder");
+    let rig = rig_with_default_stage(other.path());
+    let rig = rig.to_str().expect("a name in UTF-8");
+    let arguments = ["--port", &end.path, "--recordings", place, "--rig", rig];
+    let (served, mut page) = Served::start(&arguments);
     page.state(|state| state["station"]["state"] == "idle");
     assert_eq!(page.ask(&json!({"record": {"on": true}})), None);
     page.state(|state| state["recording"].is_string());

@@ -160,7 +160,9 @@ def main(trinocular, folder):
     link, endpoint = str(pathlib.Path(folder) / "station"), free_endpoint()
     with zenoh.open(configuration("router", endpoint)) as router:
         node = Node(router)
-        twin = Program(trinocular, "twin", "--link", link)
+        rig = str(pathlib.Path(folder) / "rig.toml")
+        subprocess.run([trinocular, "init", "--defaults", rig], check=True, capture_output=True)
+        twin = Program(trinocular, "twin", "--link", link, "--rig", rig)
         twin.wait_for("simulated")
         serve = [trinocular, "serve", "--listen", "127.0.0.1:0", "--port", link,
                  f"--zenoh={endpoint}", "--heartbeat", "5000"]
@@ -170,7 +172,7 @@ def main(trinocular, folder):
         assert not node.subscriptions(), node.tokens
         shown.end()
 
-        served = Program(*serve, "--control")
+        served = Program(*serve, "--control", "--rig", rig)
         served.wait_for("every node that reaches .* can move the stage")
         check_subscriptions(node)
         node.send("goal", goal((3, -2, 1)))

@@ -50,6 +50,10 @@ const LOOK: Duration = Duration::from_millis(1);
 /// Timeout for an answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 
+/// Timeout for a status while the heartbeat is on: longer than the silence by which a line counts
+/// as lost, so that the error says what became of the station.
+const STATUS_PATIENCE: Duration = Duration::from_secs(4);
+
 /// Timeout for a stage to come to rest.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
 
@@ -241,11 +245,15 @@ impl Serial {
     /// # Errors
     /// [`StationError::Silent`] without one; if the line is or was lost.
     pub fn fresh_status(&self, answered: bool) -> Result<Status, StationError> {
-        let status = self.wait_until(Instant::now() + PATIENCE, |client| match answered {
+        let patience = match self.shared.line().is_pinging() {
+            true => STATUS_PATIENCE,
+            false => PATIENCE,
+        };
+        let status = self.wait_until(Instant::now() + patience, |client| match answered {
             true => client.status_since_answer().copied(),
             false => client.status_since_hello().copied(),
         })?;
-        status.ok_or_else(|| self.silence("status", PATIENCE))
+        status.ok_or_else(|| self.silence("status", patience))
     }
 
     /// Returns the position of the stage at an instant of the station's clock, as

@@ -243,6 +243,21 @@ impl Hand {
         stood.map(|_| ()).map_err(|error| self.failed(error))
     }
 
+    /// Stops the stage, waits until it stands, and returns its status then. A stop of another program
+    /// meanwhile asks for the same.
+    ///
+    /// # Errors
+    /// If the stop is not answered, or the place where the stage stands does not become known.
+    pub fn stop_beside_others(&mut self) -> Result<Status, Failure> {
+        loop {
+            let stood = self.serial.stop().and_then(|()| self.serial.until_rest());
+            match stood.and_then(|_| self.serial.fresh_status(false)) {
+                Err(StationError::StoppedByOther { .. }) => self.serial.forgive_stop(),
+                outcome => return outcome.map_err(|error| self.failed(error)),
+            }
+        }
+    }
+
     /// Waits until the stage stands. A signal stops it on a ramp, and so does the end of the
     /// motion's allowance. `watch` gets every status meanwhile.
     ///

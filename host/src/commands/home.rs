@@ -55,6 +55,34 @@ fn chosen(axes: &[AxisName], stage: Option<&Stage>) -> [bool; 3] {
     }
 }
 
+/// Returns what makes the other axes known, after these were homed.
+fn unknown_axes(homed: [bool; 3], stage: Option<&Stage>) -> String {
+    let has_switch = stage.map_or([true; 3], |stage| {
+        stage.care.home.map(|home| home.is_some())
+    });
+    let names = ["x", "y", "z"]
+        .into_iter()
+        .zip(homed.iter().zip(has_switch));
+    let others: Vec<&str> = names
+        .filter(|(_, (homed, has_switch))| !**homed && *has_switch)
+        .map(|(name, _)| name)
+        .collect();
+    match (others.is_empty(), stage) {
+        (false, Some(_)) => {
+            let axes = others.join(" ");
+            format!("the other axes are not known yet: `home {axes}` finds them")
+        }
+        (false, None) => {
+            "the other axes are not known yet: `home` finds those with a home switch; \
+                          for one without, `zero`, then `home` again"
+                .to_owned()
+        }
+        (true, _) => "the axes without a home switch are not known yet: `zero` makes the present \
+                      position zero, then `home` again"
+            .to_owned(),
+    }
+}
+
 /// Runs the command.
 pub fn run(options: &HomeOptions, out: &mut impl Write) -> Result<(), Failure> {
     let stage = options.stage.read()?;
@@ -74,10 +102,7 @@ pub fn run(options: &HomeOptions, out: &mut impl Write) -> Result<(), Failure> {
     tell(options, &end, stage.as_ref(), out)?;
     why_it_stands(&hand, rest)?;
     if end.state == State::Idle && end.trust != Trust::Homed {
-        notice!(
-            "the axes without a home switch are not known yet: `zero` makes the present position \
-             zero, then `home` again"
-        );
+        notice!("{}", unknown_axes(axes, stage.as_ref()));
     }
     Ok(())
 }
@@ -101,4 +126,34 @@ fn tell(
         )?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use trinocular_client::stage::default_stage;
+    use trinocular_core::frame::message::Side;
+    use trinocular_rig::rig_file::HomeSwitch;
+
+    #[test]
+    fn axes_with_a_switch_are_homed_and_not_zeroed() {
+        let mut stage = default_stage();
+        let switch = HomeSwitch {
+            side: Side::Negative,
+            position_mm: 0.0,
+        };
+        stage.care.home = [Some(switch), Some(switch), None];
+        let words = unknown_axes([true, false, false], Some(&stage));
+        assert!(
+            words.contains("`home y`") && !words.contains("zero"),
+            "{words}"
+        );
+        let words = unknown_axes([true, true, false], Some(&stage));
+        assert!(
+            words.contains("without a home switch") && words.contains("`zero`"),
+            "{words}"
+        );
+        let words = unknown_axes([true, false, false], None);
+        assert!(words.contains("`home` finds those"), "{words}");
+    }
 }

@@ -15,7 +15,7 @@ use trinocular_client::below_step::check_steps;
 use trinocular_client::diagnosis;
 use trinocular_client::shortened::{Shortened, shortened};
 use trinocular_core::frame::message::{Command, Status};
-use trinocular_core::safety::Trust;
+use trinocular_core::safety::{State, Trust};
 use trinocular_rig::choice::unknown;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::Stage;
@@ -189,6 +189,12 @@ struct Jog<'a> {
 }
 
 impl Jog<'_> {
+    /// Returns true if the station restarted on the way: it counts positions anew, so that the
+    /// distance is unknown.
+    fn is_lost(&self) -> bool {
+        self.end.state == State::Unconfigured
+    }
+
     fn moved_steps(&self) -> [i32; 3] {
         let [to, from] = [self.end.position_steps, self.before.position_steps];
         std::array::from_fn(|axis| to[axis].wrapping_sub(from[axis]))
@@ -207,14 +213,20 @@ impl Jog<'_> {
             let mut object = condition(&self.end);
             let shortened = self.shortened();
             object["asked_mm"] = json!(self.distance_um.map(|um| f64::from(um) * 1e-3));
-            object["moved_steps"] = json!(moved);
-            object["moved_mm"] = json!(stage.map(|stage| in_mm(moved, stage)));
-            object["position_mm"] = json!(stage.map(|stage| in_mm(at, stage)));
+            let known = stage.filter(|_| !self.is_lost());
+            object["moved_steps"] = json!((!self.is_lost()).then_some(moved));
+            object["moved_mm"] = json!(known.map(|stage| in_mm(moved, stage)));
+            object["position_mm"] = json!(known.map(|stage| in_mm(at, stage)));
             object["shortened"] = json!(stage.map(|_| {
                 let names = shortened.iter().map(|short| NAMES[short.axis]);
                 names.collect::<Vec<_>>()
             }));
             json::line(out, &object)?;
+        } else if self.is_lost() {
+            writeln!(
+                out,
+                "moved by  an unknown distance: the station restarted on the way"
+            )?;
         } else {
             writeln!(out, "moved by  {}", position(moved, stage))?;
             let known = diagnosis::position(self.end.trust);

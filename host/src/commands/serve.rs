@@ -39,6 +39,12 @@ const ESTIMATOR: Estimator = Estimator::Midpoint;
 /// Name of the nodes of ROS 2 in messages.
 const NODES: &str = "a node of ROS 2";
 
+/// Refusal to configure a station with a stage that the user has not named: steps per mm and directions of
+/// another one would move it otherwise than asked.
+const STAGE_NEEDED: &str = "--port with --control or --follow configures the station: give --rig \
+                            RIG.toml with its [stage] (`trinocular init` writes one to fill in); \
+                            without them the page only shows the station";
+
 const CAMERAS: &str = "With --cameras";
 const SCENE: &str = "Without --cameras: the simulated target";
 
@@ -91,7 +97,9 @@ pub struct ServeOptions {
 
     /// The rig file (TOML): its cameras, and its stage
     ///
-    /// Without it the cameras are the paper's, and the stage is one of 80 steps/mm and 100 mm/s.
+    /// Without it the cameras are the paper's, and the stage is one of 80 steps/mm and 100 mm/s; but
+    /// --port with --control or --follow needs it with a [stage], because the station is configured
+    /// with that.
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
 
@@ -205,6 +213,9 @@ pub fn run(options: &ServeOptions, _: &mut impl Write) -> Result<(), Failure> {
         }
         None => RigFile::paper(),
     };
+    if rig.stage.is_none() && options.station.is_given() && !options.only_shows() {
+        return Err(Failure::Usage(STAGE_NEEDED.to_owned()));
+    }
     let read = |path: &PathBuf| RigFile::read_with_text(path).map(|(_, text)| text);
     let origin = Origin {
         rig: RigFile {

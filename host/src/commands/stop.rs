@@ -9,6 +9,7 @@ use crate::commands::failure::Failure;
 use clap::Args;
 use trinocular_client::serial::{Holder, OtherHost, end_other_host};
 use trinocular_client::{diagnosis, ports};
+use trinocular_core::frame::message::Status;
 use trinocular_rig::notice;
 
 /// Stop the stage on a ramp; it stays stopped until `reset`
@@ -38,9 +39,9 @@ pub fn run(options: &StopOptions, out: &mut impl Write) -> Result<(), Failure> {
         ports::resolve(&options.port.port).map_err(|error| Failure::of_station(None, error))?;
     // The owner of the port may be about to leave it, or to open its socket.
     let patience = Instant::now() + OWNER_PATIENCE;
-    let hand = loop {
+    let (hand, status) = loop {
         match stop(&options.port) {
-            Ok(hand) => break hand,
+            Ok(stopped) => break stopped,
             Err(_) if Instant::now() < patience => std::thread::sleep(LOOK),
             Err(_) => {
                 // Another program may have the port without letting others in.
@@ -54,7 +55,6 @@ pub fn run(options: &StopOptions, out: &mut impl Write) -> Result<(), Failure> {
     if let Some(Holder { pid, command }) = hand.serial().owner() {
         notice!("the stop went through `{command}` (process {pid}), which has the port");
     }
-    let status = hand.status()?;
     if options.json {
         return Ok(json::line(out, &condition(&status))?);
     }
@@ -68,11 +68,11 @@ pub fn run(options: &StopOptions, out: &mut impl Write) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Connects, and stops the stage.
-fn stop(port: &PortArgument) -> Result<Hand, Failure> {
+/// Connects, and stops the stage; returns the connection and the status at rest.
+fn stop(port: &PortArgument) -> Result<(Hand, Status), Failure> {
     let mut hand = Hand::connect_and_stop(port)?;
-    hand.stop()?;
-    Ok(hand)
+    let status = hand.stop_beside_others()?;
+    Ok((hand, status))
 }
 
 /// Reports the end of the program that had the port.

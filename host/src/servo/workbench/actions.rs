@@ -191,6 +191,11 @@ impl<B: Bench> Workbench<B> {
         let Some(status) = fresh.or_else(|| self.bench.station().status()) else {
             return Ok(self.refuse("the station has not said yet where the stage is"));
         };
+        if status.state != State::Idle || !status.motors {
+            let state = diagnosis::state(status.state).name;
+            let next = diagnosis::next_step(&status).unwrap_or_default();
+            return Ok(self.refuse(&format!("the station is {state}; to do: {next}")));
+        }
         if status.trust != Trust::Homed {
             return Ok(
                 self.refuse("the station does not know where the stage is: zero or home it first")

@@ -101,8 +101,9 @@ impl Line {
         // The socket's own error names neither program nor way out.
         let reason = match &self.owner {
             Some(Holder { pid, command }) => format!(
-                "`{command}` (process {pid}), which had the port, has ended or closed this \
-                 connection; run this again"
+                "`{command}` (process {pid}), which had the port, has ended, or closed this \
+                 connection because this program was silent; see what the stage has done, then run \
+                 this again"
             ),
             None => reason,
         };
