@@ -62,7 +62,6 @@ fn desk_of(case: &Value) -> Desk {
             rig,
             stage,
             pivot: None,
-            trigger: None,
             capture: Vec::new(),
         }
         .to_toml(),
@@ -269,7 +268,6 @@ fn two_cameras_need_midpoint() {
         },
         stage: None,
         pivot: None,
-        trigger: None,
         capture: Vec::new(),
     };
     desk.write("rig.toml", two.to_toml());

@@ -57,7 +57,6 @@ fn desk_of(case: &Value) -> Desk {
             rig,
             stage,
             pivot: None,
-            trigger: None,
             capture: Vec::new(),
         }
         .to_toml(),

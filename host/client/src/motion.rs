@@ -44,8 +44,7 @@ pub(super) fn moves(command: &Command) -> bool {
         | Command::Stop
         | Command::Reset
         | Command::Ping { .. }
-        | Command::Motors { .. }
-        | Command::Trigger(_) => false,
+        | Command::Motors { .. } => false,
     }
 }
 

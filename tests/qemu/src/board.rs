@@ -26,5 +26,4 @@ pub const BOARD: Board = Board {
     session: 1,
     reset_cause: ResetCause::PowerOn,
     last_run: LastRun::UNKNOWN,
-    camera_pin: Some(8),
 };

@@ -107,11 +107,7 @@ impl Serial {
 fn repetition(command: &Command, before: Option<&Status>) -> Repetition {
     match (command, before) {
         (
-            Command::Config(_)
-            | Command::Zero
-            | Command::Setpoint { .. }
-            | Command::Motors { .. }
-            | Command::Trigger(_),
+            Command::Config(_) | Command::Zero | Command::Setpoint { .. } | Command::Motors { .. },
             _,
         ) => Repetition::Always,
         (Command::Reset, Some(before)) => Repetition::While(before.state, before.fault),

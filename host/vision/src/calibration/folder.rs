@@ -93,7 +93,6 @@ impl Calibration {
             rig,
             stage: None,
             pivot: None,
-            trigger: None,
             capture: Vec::new(),
         })
     }

@@ -29,4 +29,3 @@ pub mod mono;
 pub mod numbers;
 pub mod stamp;
 pub mod stream;
-pub mod triggers;
