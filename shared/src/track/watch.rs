@@ -23,7 +23,7 @@
 //!    does; or frames are refused as outliers while the stage moves on.
 //! 2. *Trial*: the stage is ramped down and stands for 0.1 to 0.3 s. A target that moves by itself
 //!    goes on; one that the stage moves stops with it. Two trials that agree make the fault, or one
-//!    that leaves no doubt, or one that shows the [`cause`]. Then following goes on.
+//!    that leaves no doubt, or one that shows the cause. Then following goes on.
 //!
 //! After a trial that finds a target that moves by itself, the next one waits for half a second,
 //! then for 1, 2, 4 and 8 s. A suspicion of lost steps is pardoned up to three times if the error

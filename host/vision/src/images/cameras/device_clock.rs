@@ -1,8 +1,8 @@
 //! Time stamps of a camera with a clock of its own, on the computer's clock.
 //!
-//! The camera's clock has any zero and runs up to [`LARGEST_DRIFT`] fast or slow. Each image gives
+//! The camera's clock has any zero and runs up to `LARGEST_DRIFT` fast or slow. Each image gives
 //! one comparison: its stamp, and its arrival, which is later by a delay that varies but is never
-//! negative. The clocks are related by the line below all comparisons of the last [`BLOCKS`] blocks
+//! negative. The clocks are related by the line below all comparisons of the last `BLOCKS` blocks
 //! that is nearest to them: a side of their lower convex hull (Moon, Skelly and Towsley, *Estimation
 //! and Removal of Clock Skew from Network Delay Measurements*, INFOCOM 1999).
 //!

@@ -4,7 +4,7 @@
 //! this crate forbids `unsafe`. Aravis assembles the packets in a thread of its own. An image with
 //! a packet missing is handed over as such; its number is known unless its first packet is the one
 //! that is missing. Aravis leaves the number of the buffer's previous image there, so each buffer is
-//! [marked](NAMELESS) before it is filled.
+//! marked before it is filled.
 
 mod listing;
 mod refusal;
