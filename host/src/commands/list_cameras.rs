@@ -89,10 +89,11 @@ fn line(camera: &Row) -> String {
 
 #[cfg(feature = "genicam")]
 fn genicam() -> Option<Vec<Row>> {
-    use trinocular_vision::images::cameras::genicam::{PREFIX, list};
+    use trinocular_rig::rig_file::capture::GENICAM;
+    use trinocular_vision::images::cameras::genicam::list;
 
     let rows = list().into_iter().map(|camera| Row {
-        device: format!("{PREFIX}{}", camera.serial).into(),
+        device: format!("{GENICAM}{}", camera.serial).into(),
         kind: camera.protocol,
         vendor: Some(camera.vendor),
         model: Some(camera.model),

@@ -13,6 +13,9 @@ use super::field::{Field, Source};
 use crate::choice;
 use crate::error::InputError;
 
+/// Beginning of the names of GenICam cameras: `genicam:SERIAL`.
+pub const GENICAM: &str = "genicam:";
+
 /// Fields of a camera that describe its device.
 pub(super) const KEYS: [&str; 12] = [
     "device",
@@ -120,47 +123,40 @@ impl Capture {
 
     /// Returns the name of the first field that only a GenICam camera has.
     pub fn genicam_field(&self) -> Option<&'static str> {
-        let named = Self {
-            device: None,
-            ..self.clone()
-        };
-        let text = named.toml();
-        let (key, _) = text.split_once(" = ")?;
-        KEYS.into_iter().find(|known| *known == key)
+        let [_device, settings @ ..] = self.fields();
+        let set = settings.into_iter().find(|(_, value)| value.is_some());
+        set.map(|(key, _)| key)
     }
 
-    /// Returns the lines of the fields that are set.
-    fn toml(&self) -> String {
-        let mut text = String::new();
-        let mut line = |key: &str, value: Option<toml::Value>| {
-            if let Some(value) = value {
-                let _ = writeln!(text, "{key} = {value}");
-            }
-        };
-        let mode = self.trigger.map(|is_on| TRIGGER_MODES[usize::from(is_on)]);
-        let size = self.packet_size_bytes.map(i64::from);
+    /// Returns all fields with the values of those that are set, the device first.
+    fn fields(&self) -> [(&'static str, Option<toml::Value>); KEYS.len()] {
         let word = |text: &Option<String>| text.clone().map(toml::Value::from);
-        line("device", word(&self.device));
-        line("exposure_us", self.exposure_us.map(toml::Value::from));
-        line("gain", self.gain.map(toml::Value::from));
-        line("pixel_format", word(&self.pixel_format));
-        line("trigger_mode", mode.map(toml::Value::from));
-        line("trigger_source", word(&self.trigger_source));
-        line("trigger_activation", word(&self.trigger_activation));
-        line("packet_size_bytes", size.map(toml::Value::from));
-        line(
-            "packet_delay_us",
+        let mode = self.trigger.map(|is_on| TRIGGER_MODES[usize::from(is_on)]);
+        let values = [
+            word(&self.device),
+            self.exposure_us.map(toml::Value::from),
+            self.gain.map(toml::Value::from),
+            word(&self.pixel_format),
+            mode.map(toml::Value::from),
+            word(&self.trigger_source),
+            word(&self.trigger_activation),
+            self.packet_size_bytes.map(toml::Value::from),
             self.packet_delay_us.map(toml::Value::from),
-        );
-        line("packet_resend", self.packet_resend.map(toml::Value::from));
-        line("bandwidth_mb_s", self.bandwidth_mb_s.map(toml::Value::from));
-        line("ptp", self.ptp.map(toml::Value::from));
-        text
+            self.packet_resend.map(toml::Value::from),
+            self.bandwidth_mb_s.map(toml::Value::from),
+            self.ptp.map(toml::Value::from),
+        ];
+        let mut values = values.into_iter();
+        KEYS.map(|key| (key, values.next().flatten()))
     }
 
     /// Writes the fields that are set into a `[[camera]]` table.
     pub(super) fn write_toml(&self, text: &mut String) {
-        text.push_str(&self.toml());
+        for (key, value) in self.fields() {
+            if let Some(value) = value {
+                let _ = writeln!(text, "{key} = {value}");
+            }
+        }
     }
 }
 
@@ -259,10 +255,7 @@ mod tests {
         assert_eq!(middle.device.as_deref(), Some("genicam:GV01"));
         assert_eq!(middle.trigger, Some(true));
         assert_eq!(middle.packet_size_bytes, Some(9000));
-        let keys: Vec<String> = (middle.toml().lines())
-            .filter_map(|line| Some(line.split_once(" = ")?.0.to_owned()))
-            .collect();
-        assert_eq!(keys, KEYS);
+        assert!(middle.fields().iter().all(|(_, value)| value.is_some()));
         let again = RigFile::parse(Path::new(FILE), &file.to_toml()).expect("a rig file");
         assert_eq!(again, file);
         assert!(with("").expect("a rig file").capture.is_empty());

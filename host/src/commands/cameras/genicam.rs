@@ -5,12 +5,11 @@ use std::path::Path;
 use trinocular_rig::rig_file::{Capture, RigFile, capture};
 use trinocular_vision::images::cameras::live::Camera;
 
-/// Beginning of the names of GenICam cameras.
-const PREFIX: &str = "genicam:";
-
 /// Returns true if the device is a GenICam camera.
 pub fn is_one(device: &Path) -> bool {
-    device.to_str().is_some_and(|name| name.starts_with(PREFIX))
+    device
+        .to_str()
+        .is_some_and(|name| name.starts_with(capture::GENICAM))
 }
 
 /// Refuses settings that only a GenICam camera has for another device.

@@ -30,9 +30,6 @@ use trinocular_rig::rig_file::Capture;
 pub use listing::{Listed, list};
 pub use refusal::Refusal;
 
-/// Beginning of the names of GenICam cameras: `genicam:SERIAL`.
-pub const PREFIX: &str = "genicam:";
-
 /// Number of buffers: 0.27 s at 60 images per second.
 const BUFFERS: usize = 16;
 

@@ -49,6 +49,30 @@ pub enum Unreadable {
     Jpeg(String),
 }
 
+/// Returns the rows of an image: `height` of them, each of `row` bytes, that begin `stride` bytes
+/// apart, which is at least `row`.
+///
+/// # Errors
+/// [`Unreadable::Short`] if bytes are missing.
+pub(super) fn rows(
+    bytes: &[u8],
+    row: usize,
+    stride: usize,
+    height: usize,
+) -> Result<impl Iterator<Item = &[u8]>, Unreadable> {
+    let needed = match height {
+        0 => 0,
+        _ => stride.saturating_mul(height - 1).saturating_add(row),
+    };
+    if bytes.len() < needed {
+        let given = bytes.len();
+        return Err(Unreadable::Short { given, needed });
+    }
+    // Rows without bytes have no starts.
+    let starts = bytes.chunks(stride.max(1)).take(height);
+    Ok(starts.map(move |bytes| bytes.get(..row).unwrap_or(bytes)))
+}
+
 impl Format {
     /// All formats, best first: grey formats, then those with the whole luminance, then compressed
     /// ones.
@@ -103,15 +127,7 @@ impl Format {
             return jpeg(bytes, [width, height]);
         };
         let row = width.saturating_mul(per_pixel);
-        let stride = stride.max(row);
-        let needed = match height {
-            0 => 0,
-            _ => stride.saturating_mul(height - 1).saturating_add(row),
-        };
-        if bytes.len() < needed {
-            let given = bytes.len();
-            return Err(Unreadable::Short { given, needed });
-        }
+        let rows = rows(bytes, row, stride.max(row), height)?;
         let luminance: fn(&[u8]) -> u8 = match self {
             Self::Uyvy => |pixel| pixel.get(1).copied().unwrap_or(0),
             Self::Rgb => |pixel| bt709([pixel[0], pixel[1], pixel[2]]),
@@ -119,10 +135,8 @@ impl Format {
             _ => |pixel| pixel.first().copied().unwrap_or(0),
         };
         let mut grey = Vec::with_capacity(width * height);
-        // Rows without bytes have no starts.
-        for row in bytes.chunks(stride.max(1)).take(height) {
-            let pixels = row.chunks_exact(per_pixel).take(width);
-            grey.extend(pixels.map(luminance));
+        for row in rows {
+            grey.extend(row.chunks_exact(per_pixel).map(luminance));
         }
         Ok(Image {
             width,

@@ -13,7 +13,7 @@
 //! bits of both (the first pixel's from bit 0, the second pixel's from bit 4), and the high eight
 //! bits of the second pixel.
 
-use super::grey::Unreadable;
+use super::grey::{Unreadable, rows};
 use crate::images::Image;
 
 /// Grey pixel format.
@@ -99,65 +99,10 @@ impl Mono {
     pub fn levels(
         self,
         bytes: &[u8],
-        [width, height]: [usize; 2],
+        size: [usize; 2],
         gap: usize,
     ) -> Result<Vec<u16>, Unreadable> {
-        // Rows without gaps are one long row.
-        let (row, rows) = match gap {
-            0 => (width.saturating_mul(height), 1),
-            _ => (width, height),
-        };
-        let row_bytes = self.bytes(row);
-        let stride = row_bytes.saturating_add(gap);
-        let needed = match rows {
-            0 => 0,
-            _ => stride.saturating_mul(rows - 1).saturating_add(row_bytes),
-        };
-        if bytes.len() < needed {
-            let given = bytes.len();
-            return Err(Unreadable::Short { given, needed });
-        }
-        let mut levels = Vec::with_capacity(row.saturating_mul(rows));
-        for bytes in bytes.chunks(stride.max(1)).take(rows) {
-            let end = levels.len() + row;
-            self.unpack(&bytes[..row_bytes], &mut levels);
-            // The last byte may hold a second pixel that is none.
-            levels.truncate(end);
-        }
-        Ok(levels)
-    }
-
-    fn unpack(self, bytes: &[u8], levels: &mut Vec<u16>) {
-        let pair = |low: u8, high: u8| u16::from_le_bytes([low, high]);
-        match self {
-            Self::Mono8 => levels.extend(bytes.iter().map(|byte| u16::from(*byte))),
-            Self::Mono10 | Self::Mono12 | Self::Mono16 => {
-                let mask = u16::MAX >> (16 - self.depth());
-                let values = bytes.chunks_exact(2).map(|two| pair(two[0], two[1]) & mask);
-                levels.extend(values);
-            }
-            Self::Mono10Packed | Self::Mono12Packed => {
-                let low = self.depth() - 8;
-                let mask = (1 << low) - 1;
-                for group in bytes.chunks(3) {
-                    let byte = |k: usize| u16::from(group.get(k).copied().unwrap_or(0));
-                    levels.push(byte(0) << low | byte(1) & mask);
-                    levels.push(byte(2) << low | byte(1) >> 4 & mask);
-                }
-            }
-            Self::Mono10p | Self::Mono12p => {
-                let (mut bits, mut count) = (0u32, 0);
-                for byte in bytes {
-                    bits |= u32::from(*byte) << count;
-                    count += 8;
-                    if count >= self.depth() {
-                        levels.push((bits & ((1 << self.depth()) - 1)) as u16);
-                        bits >>= self.depth();
-                        count -= self.depth();
-                    }
-                }
-            }
-        }
+        self.pixels(bytes, size, gap, |level| level)
     }
 
     /// Converts an image to the 8 bits in which images are compared: the high bits of each value.
@@ -170,14 +115,71 @@ impl Mono {
         [width, height]: [usize; 2],
         gap: usize,
     ) -> Result<Image, Unreadable> {
-        let levels = self.levels(bytes, [width, height], gap)?;
         let shift = self.depth() - 8;
-        let grey = levels.into_iter().map(|level| (level >> shift) as u8);
+        let grey = self.pixels(bytes, [width, height], gap, |level| (level >> shift) as u8)?;
         Ok(Image {
             width,
             height,
-            grey: grey.collect(),
+            grey,
         })
+    }
+
+    /// Returns what `convert` makes of each value.
+    fn pixels<T>(
+        self,
+        bytes: &[u8],
+        [width, height]: [usize; 2],
+        gap: usize,
+        convert: impl Fn(u16) -> T,
+    ) -> Result<Vec<T>, Unreadable> {
+        // Rows without gaps are one long row.
+        let (row, count) = match gap {
+            0 => (width.saturating_mul(height), 1),
+            _ => (width, height),
+        };
+        let row_bytes = self.bytes(row);
+        let rows = rows(bytes, row_bytes, row_bytes.saturating_add(gap), count)?;
+        let mut pixels = Vec::with_capacity(row.saturating_mul(count));
+        for bytes in rows {
+            let end = pixels.len() + row;
+            self.unpack(bytes, |level| pixels.push(convert(level)));
+            // The last byte may hold a second pixel that is none.
+            pixels.truncate(end);
+        }
+        Ok(pixels)
+    }
+
+    fn unpack(self, bytes: &[u8], mut push: impl FnMut(u16)) {
+        let pair = |low: u8, high: u8| u16::from_le_bytes([low, high]);
+        match self {
+            Self::Mono8 => bytes.iter().for_each(|byte| push(u16::from(*byte))),
+            Self::Mono10 | Self::Mono12 | Self::Mono16 => {
+                let mask = u16::MAX >> (16 - self.depth());
+                let values = bytes.chunks_exact(2).map(|two| pair(two[0], two[1]) & mask);
+                values.for_each(push);
+            }
+            Self::Mono10Packed | Self::Mono12Packed => {
+                let low = self.depth() - 8;
+                let mask = (1 << low) - 1;
+                for group in bytes.chunks(3) {
+                    let byte = |k: usize| u16::from(group.get(k).copied().unwrap_or(0));
+                    push(byte(0) << low | byte(1) & mask);
+                    push(byte(2) << low | byte(1) >> 4 & mask);
+                }
+            }
+            Self::Mono10p | Self::Mono12p => {
+                let (mut bits, mut count) = (0u32, 0);
+                for byte in bytes {
+                    bits |= u32::from(*byte) << count;
+                    count += 8;
+                    if count >= self.depth() {
+                        push((bits & ((1 << self.depth()) - 1)) as u16);
+                        bits >>= self.depth();
+                        count -= self.depth();
+                    }
+                }
+            }
+        }
     }
 }
 

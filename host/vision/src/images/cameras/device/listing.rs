@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn other_devices_are_no_cameras() {
         assert_eq!(describe("/dev/null".into(), &BTreeMap::new()), None);
-        let path = PathBuf::from("/dev/video-of-nobody");
+        let path = PathBuf::from("/dev/video-without-device");
         let missing = describe(path.clone(), &BTreeMap::new()).expect("a problem");
         assert!(missing.problem.expect("one").contains("no such camera"));
         assert_eq!((missing.device, missing.serial), (path, None));

@@ -9,8 +9,9 @@ use aravis::glib::prelude::Cast as _;
 use aravis::prelude::*;
 use aravis::{Aravis, DeviceInfo, GvDevice};
 
-use super::{PREFIX, refusal};
+use super::refusal;
 use trinocular_rig::error::InputError;
+use trinocular_rig::rig_file::capture::GENICAM;
 
 /// A camera that is there.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -102,7 +103,7 @@ pub fn list() -> Vec<Listed> {
 /// # Errors
 /// [`InputError`] if there is no such camera, or it is in use.
 pub fn open(name: &Path) -> Result<aravis::Camera, InputError> {
-    let wanted = name.to_str().and_then(|name| name.strip_prefix(PREFIX));
+    let wanted = name.to_str().and_then(|name| name.strip_prefix(GENICAM));
     let wanted = wanted.unwrap_or_default();
     let mut library = library();
     let found = match library.as_mut() {
