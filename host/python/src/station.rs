@@ -86,8 +86,7 @@ impl Station {
 
     /// Returns the position of the stage in mm, if the stage is known.
     pub fn in_mm(&self, steps: [i32; 3]) -> Option<[f64; 3]> {
-        let stage = self.stage.as_ref()?;
-        Some([0, 1, 2].map(|axis| f64::from(steps[axis]) / stage.steps_per_mm[axis]))
+        self.stage.as_ref().map(|stage| stage.in_mm(steps))
     }
 
     /// Raises what ended a motion or a loop: a fault, a restart, a stop. `status` is that of a
@@ -260,7 +259,7 @@ impl Station {
     }
 
     fn home(&self, py: Python<'_>, axes: Option<[bool; 3]>) -> PyResult<()> {
-        let of_stage = |stage: &Stage| stage.care.home.map(|home| home.is_some());
+        let of_stage = |stage: &Stage| stage.care.has_home();
         let chosen = axes.or_else(|| self.stage.as_ref().map(of_stage));
         let axes = chosen.unwrap_or([true; 3]);
         self.start(py, "home", Command::Home { axes }, false)?;

@@ -385,15 +385,10 @@ pub fn why_it_stands(hand: &Hand, rest: Rest) -> Result<(), Failure> {
 /// Formats a position in whole steps, and in mm if the stage is known.
 pub fn position(steps: [i32; 3], stage: Option<&Stage>) -> String {
     let [x, y, z] = steps;
-    match stage.map(|stage| in_mm(steps, stage)) {
+    match stage.map(|stage| stage.in_mm(steps)) {
         Some([a, b, c]) => format!("{a:.4} {b:.4} {c:.4} mm ({x} {y} {z} steps)"),
         None => format!("{x} {y} {z} steps"),
     }
-}
-
-/// Converts whole steps to mm.
-pub fn in_mm(steps: [i32; 3], stage: &Stage) -> [f64; 3] {
-    std::array::from_fn(|axis| f64::from(steps[axis]) / stage.steps_per_mm[axis])
 }
 
 /// Returns number and name of a fault.

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::by_hand::{
-    AxisName, Hand, PortArgument, StageArgument, condition, in_mm, position, why_it_stands,
+    AxisName, Hand, PortArgument, StageArgument, condition, position, why_it_stands,
 };
 use super::json;
 use super::progress::Progress;
@@ -50,16 +50,14 @@ Examples:
 fn chosen(axes: &[AxisName], stage: Option<&Stage>) -> [bool; 3] {
     match (axes, stage) {
         ([], None) => [true; 3],
-        ([], Some(stage)) => stage.care.home.map(|home| home.is_some()),
+        ([], Some(stage)) => stage.care.has_home(),
         (axes, _) => [AxisName::X, AxisName::Y, AxisName::Z].map(|axis| axes.contains(&axis)),
     }
 }
 
 /// Returns what makes the other axes known, after these were homed.
 fn unknown_axes(homed: [bool; 3], stage: Option<&Stage>) -> String {
-    let has_switch = stage.map_or([true; 3], |stage| {
-        stage.care.home.map(|home| home.is_some())
-    });
+    let has_switch = stage.map_or([true; 3], |stage| stage.care.has_home());
     let names = ["x", "y", "z"]
         .into_iter()
         .zip(homed.iter().zip(has_switch));
@@ -73,9 +71,9 @@ fn unknown_axes(homed: [bool; 3], stage: Option<&Stage>) -> String {
             format!("the other axes are not known yet: `home {axes}` finds them")
         }
         (false, None) => {
-            "the other axes are not known yet: `home` finds those with a home switch; \
-                          for one without, `zero`, then `home` again"
-                .to_owned()
+            let words = "the other axes are not known yet: `home` finds those with a home switch; \
+                         for one without, `zero`, then `home` again";
+            words.to_owned()
         }
         (true, _) => "the axes without a home switch are not known yet: `zero` makes the present \
                       position zero, then `home` again"
@@ -115,7 +113,7 @@ fn tell(
 ) -> Result<(), Failure> {
     if options.json {
         let mut object = condition(end);
-        object["position_mm"] = json!(stage.map(|stage| in_mm(end.position_steps, stage)));
+        object["position_mm"] = json!(stage.map(|stage| stage.in_mm(end.position_steps)));
         json::line(out, &object)?;
     } else {
         let known = diagnosis::position(end.trust);

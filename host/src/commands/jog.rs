@@ -2,9 +2,7 @@
 
 use std::io::Write;
 
-use super::by_hand::{
-    Hand, PortArgument, StageArgument, condition, in_mm, position, why_it_stands,
-};
+use super::by_hand::{Hand, PortArgument, StageArgument, condition, position, why_it_stands};
 use super::json;
 use super::progress::Progress;
 use crate::commands::failure::Failure;
@@ -215,8 +213,8 @@ impl Jog<'_> {
             object["asked_mm"] = json!(self.distance_um.map(|um| f64::from(um) * 1e-3));
             let known = stage.filter(|_| !self.is_lost());
             object["moved_steps"] = json!((!self.is_lost()).then_some(moved));
-            object["moved_mm"] = json!(known.map(|stage| in_mm(moved, stage)));
-            object["position_mm"] = json!(known.map(|stage| in_mm(at, stage)));
+            object["moved_mm"] = json!(known.map(|stage| stage.in_mm(moved)));
+            object["position_mm"] = json!(known.map(|stage| stage.in_mm(at)));
             object["shortened"] = json!(stage.map(|_| {
                 let names = shortened.iter().map(|short| NAMES[short.axis]);
                 names.collect::<Vec<_>>()

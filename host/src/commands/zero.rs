@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use super::by_hand::{Hand, PortArgument, StageArgument, condition, in_mm, position};
+use super::by_hand::{Hand, PortArgument, StageArgument, condition, position};
 use super::json;
 use crate::commands::failure::Failure;
 use clap::Args;
@@ -36,7 +36,7 @@ pub fn run(options: &ZeroOptions, out: &mut impl Write) -> Result<(), Failure> {
     if options.json {
         let mut object = condition(&status);
         object["was_at_steps"] = json!(before);
-        object["was_at_mm"] = json!(stage.map(|stage| in_mm(before, &stage)));
+        object["was_at_mm"] = json!(stage.map(|stage| stage.in_mm(before)));
         return Ok(json::line(out, &object)?);
     }
     let before = position(before, stage.as_ref());

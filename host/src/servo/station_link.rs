@@ -33,8 +33,7 @@ fn zeroed(found: &Status, stage: &Stage) -> Option<String> {
     if found.trust == Trust::Unknown || steps == [0; 3] {
         return None;
     }
-    let mm = |axis: usize| f64::from(steps[axis]) / stage.steps_per_mm[axis];
-    let [x, y, z] = [0, 1, 2].map(mm);
+    let [x, y, z] = stage.in_mm(steps);
     let known = diagnosis::position(found.trust);
     Some(format!(
         "the present position is zero now; it was {x:.4} {y:.4} {z:.4} mm ({known})"

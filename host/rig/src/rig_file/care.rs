@@ -86,6 +86,11 @@ const LIMIT_TIME_S: f64 = 60.0;
 const LIMIT_PLACE_MM: f64 = 1e5;
 
 impl Care {
+    /// Returns true for each axis with a home switch.
+    pub fn has_home(&self) -> [bool; 3] {
+        self.home.map(|home| home.is_some())
+    }
+
     pub(super) fn read(section: &Field<'_>) -> Result<Self, InputError> {
         let default = Self::default();
         let length = |key: &str| -> Result<Option<f64>, InputError> {

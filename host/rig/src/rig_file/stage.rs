@@ -162,6 +162,11 @@ impl Stage {
         })
     }
 
+    /// Converts whole steps per axis to mm.
+    pub fn in_mm(&self, steps: [i32; 3]) -> [f64; 3] {
+        std::array::from_fn(|axis| f64::from(steps[axis]) / self.steps_per_mm[axis])
+    }
+
     pub(super) fn write_toml(&self, text: &mut String) {
         let per_axis = [
             ("steps_per_mm", self.steps_per_mm),

@@ -1,6 +1,6 @@
 //! A station on a port that goes from place to place.
 
-use super::super::by_hand::{Hand, PortArgument, in_mm, why_it_stands};
+use super::super::by_hand::{Hand, PortArgument, why_it_stands};
 use super::CalibrateStageOptions;
 use crate::commands::failure::Failure;
 use trinocular_client::allowance::Allowance;
@@ -35,7 +35,7 @@ impl Driven {
 
     /// Returns the position of the stage, mm from zero.
     pub fn position_mm(&self) -> Result<[f64; 3], Failure> {
-        Ok(in_mm(self.hand.status()?.position_steps, &self.stage))
+        Ok(self.stage.in_mm(self.hand.status()?.position_steps))
     }
 
     /// Sends the stage to a position, mm from zero.
@@ -55,6 +55,6 @@ impl Driven {
         let rest = self.hand.wait_for_rest(allowance, |_| {})?;
         let at_steps = rest.status.position_steps;
         why_it_stands(&self.hand, rest)?;
-        Ok(in_mm(at_steps, &self.stage))
+        Ok(self.stage.in_mm(at_steps))
     }
 }

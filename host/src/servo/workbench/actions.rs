@@ -91,7 +91,7 @@ impl<B: Bench> Workbench<B> {
     }
 
     fn homing(&self) -> Command {
-        let axes = self.stage.care.home.map(|home| home.is_some());
+        let axes = self.stage.care.has_home();
         Command::Home { axes }
     }
 
