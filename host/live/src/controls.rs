@@ -70,25 +70,13 @@ impl Action {
     /// The reason, in words.
     pub fn check(&self) -> Result<(), String> {
         match self {
-            Self::Jog { distance_um } => {
-                let is_short = |um: &i32| um.unsigned_abs() <= LONGEST_JOG_UM.unsigned_abs();
-                match distance_um.iter().all(is_short) {
-                    true => Ok(()),
-                    false => Err(format!(
-                        "a jog is at most {} mm per axis",
-                        LONGEST_JOG_UM / 1000
-                    )),
-                }
+            Self::Jog { distance_um } if !are_within(*distance_um, LONGEST_JOG_UM) => {
+                let most_mm = LONGEST_JOG_UM / 1000;
+                Err(format!("a jog is at most {most_mm} mm per axis"))
             }
-            Self::Go { position_um } => {
-                let is_near = |um: &i32| um.unsigned_abs() <= FARTHEST_UM.unsigned_abs();
-                match position_um.iter().all(is_near) {
-                    true => Ok(()),
-                    false => Err(format!(
-                        "a position is at most {} mm from zero",
-                        FARTHEST_UM / 1000
-                    )),
-                }
+            Self::Go { position_um } if !are_within(*position_um, FARTHEST_UM) => {
+                let most_mm = FARTHEST_UM / 1000;
+                Err(format!("a position is at most {most_mm} mm from zero"))
             }
             Self::Mark { text } if text.chars().count() > LONGEST_MARK => {
                 Err(format!("a mark has at most {LONGEST_MARK} characters"))
@@ -96,6 +84,11 @@ impl Action {
             _ => Ok(()),
         }
     }
+}
+
+fn are_within(values_um: [i32; 3], most_um: i32) -> bool {
+    let most_um = most_um.unsigned_abs();
+    values_um.iter().all(|um| um.unsigned_abs() <= most_um)
 }
 
 /// Actions that a run offers.

@@ -9,6 +9,7 @@ use crate::message::{Measurement, Outcome};
 use crate::read::Source;
 use crate::read::survey::Channels;
 use crate::topic::Topic;
+use std::collections::BTreeMap;
 use trinocular_rig::error::InputError;
 
 /// Columns of the table and their contents.
@@ -149,7 +150,7 @@ impl Table {
     /// [`InputError`] if the file is damaged or holds no measurements.
     pub fn read(source: &Source) -> Result<Self, InputError> {
         let mut rows = Vec::new();
-        let mut seen = Vec::new();
+        let mut seen = BTreeMap::new();
         let mut channels = Channels::default();
         let mut records = source.records();
         for record in records.by_ref() {
@@ -158,7 +159,7 @@ impl Table {
                 continue;
             };
             if let Some(topic) = Topic::ALL.into_iter().find(|topic| topic.is_of(&message)) {
-                seen.push(topic);
+                *seen.entry(topic).or_default() += 1;
             }
             if Topic::Measurement.is_of(&message) {
                 let measurement = Measurement::decode(&message.data).map_err(|fault| {
@@ -177,15 +178,14 @@ impl Table {
 }
 
 /// Returns the error for a file without measurements: its content, and the parts that are missing.
-/// `seen` has the topic of each message of this program.
-fn without_rows(source: &Source, seen: &[Topic], cut: Option<&InputError>) -> InputError {
-    let mut topics: Vec<Topic> = seen.to_vec();
-    topics.sort_unstable();
-    topics.dedup();
-    let counts = topics.iter().map(|topic| {
-        let count = seen.iter().filter(|other| *other == topic).count();
-        format!("{count} on {}", topic.name())
-    });
+/// `seen` counts the messages of this program by topic.
+fn without_rows(
+    source: &Source,
+    seen: &BTreeMap<Topic, u64>,
+    cut: Option<&InputError>,
+) -> InputError {
+    let counts = seen.iter();
+    let counts = counts.map(|(topic, count)| format!("{count} on {}", topic.name()));
     let counts: Vec<String> = counts.collect();
     let reason = match (counts.is_empty(), cut) {
         (true, None) => "holds no measurements; only recordings of this program do".to_owned(),
