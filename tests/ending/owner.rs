@@ -1,18 +1,24 @@
 //! Commands while another program has the port.
 
 use super::{Desk, RUNS, alone, ended, moving, stands_stopped};
-use std::process::Stdio;
+use std::process::{Child, Stdio};
 use trinocular_tests::binary::{interrupt, signal, suspend};
-use trinocular_tests::far_end::station;
+use trinocular_tests::far_end::{FarEnd, station};
+
+/// Starts a jog, and suspends it while the stage moves.
+fn suspended_in_motion(desk: &Desk) -> (FarEnd, Child) {
+    let end = station();
+    let first = desk.start(&end, RUNS[0]);
+    moving(&end);
+    suspend(&first);
+    (end, first)
+}
 
 #[test]
 fn suspended_port_owner_is_named() {
     let _alone = alone();
     let desk = Desk::new();
-    let end = station();
-    let first = desk.start(&end, RUNS[0]);
-    moving(&end);
-    suspend(&first);
+    let (end, first) = suspended_in_motion(&desk);
     let (code, err) = ended(desk.start(&end, "stop"));
     assert_eq!(code, Some(3), "{err}");
     let kill = format!("kill -9 {}", first.id());
@@ -45,10 +51,7 @@ fn stop_after_owner_left_succeeds() {
 fn suspended_owner_is_named_to_guests() {
     let _alone = alone();
     let desk = Desk::new();
-    let end = station();
-    let first = desk.start(&end, RUNS[0]);
-    moving(&end);
-    suspend(&first);
+    let (end, first) = suspended_in_motion(&desk);
     let pid = format!("process {}", first.id());
     for guest in ["status", "jog x=1", "motors on"] {
         let (code, err) = ended(desk.start(&end, guest));

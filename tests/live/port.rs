@@ -20,6 +20,15 @@ fn start(end: &FarEnd) -> Serial {
     Serial::start_as(&end.path, config).expect("the station starts")
 }
 
+/// Starts the station and jogs it by 2 mm along X.
+fn moved(end: &FarEnd) -> Serial {
+    let mut serial = start(end);
+    let distance_um = [2_000, 0, 0];
+    serial.command("jog", Command::Jog { distance_um }).unwrap();
+    serial.until_rest().expect("it arrives");
+    serial
+}
+
 /// Serves the page of the station for a moment; returns what it says.
 fn serve(end: &FarEnd, options: &[&str]) -> String {
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -42,11 +51,7 @@ fn serve(end: &FarEnd, options: &[&str]) -> String {
 #[test]
 fn page_with_control_needs_the_stage() {
     let end = station();
-    let mut serial = start(&end);
-    let distance_um = [2_000, 0, 0];
-    serial.command("jog", Command::Jog { distance_um }).unwrap();
-    serial.until_rest().expect("it arrives");
-    drop(serial);
+    drop(moved(&end));
     let (before, heard) = (status(&end), end.received().len());
     for option in ["--control", "--follow"] {
         let mut command = trinocular();
@@ -84,10 +89,7 @@ fn commands(mut bytes: &[u8]) -> Vec<Command> {
 #[test]
 fn page_that_only_shows_changes_nothing() {
     let end = station();
-    let mut serial = start(&end);
-    let distance_um = [2_000, 0, 0];
-    serial.command("jog", Command::Jog { distance_um }).unwrap();
-    serial.until_rest().expect("it arrives");
+    let mut serial = moved(&end);
     serial.stop().expect("it is answered");
     drop(serial);
     let (before, heard) = (status(&end), end.received().len());
@@ -125,11 +127,7 @@ fn page_shows_a_station_without_configuration() {
 #[test]
 fn page_with_control_keeps_zero() {
     let end = station();
-    let mut serial = start(&end);
-    let distance_um = [2_000, 0, 0];
-    serial.command("jog", Command::Jog { distance_um }).unwrap();
-    serial.until_rest().expect("it arrives");
-    drop(serial);
+    drop(moved(&end));
     let said = serve(&end, &[&["--control"][..], &HEARTBEAT].concat());
     for part in ["was configured with", "its position is known"] {
         assert!(said.contains(part), "`{part}` is not in: {said}");
