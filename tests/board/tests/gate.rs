@@ -72,7 +72,7 @@ fn open_gate_is_an_emergency_stop() {
 /// The opening is too short for the program to see the contact itself, unless it looks at that very
 /// moment: it detects that the timer lost time. At every phase of its loop the stage stops.
 #[test]
-fn short_gate_opening_is_an_underrun() {
+fn short_gate_opening_stops_the_stage() {
     let mut unseen = 0;
     for phase in 0..4 {
         let mut station = moving();
