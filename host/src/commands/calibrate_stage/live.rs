@@ -139,6 +139,8 @@ impl StageBench for Live {
 
     fn pass(&mut self, position_mm: [f64; 3]) -> Result<Option<Pass>, Failure> {
         let path = self.model_path(position_mm)?;
+        let jumps = |live: &Self| live.driven.hand.serial().client().clock().jumps();
+        let jumps_before = jumps(self);
         let lasts_us = path
             .last()
             .map_or(0, |(since_us, _)| (*since_us).unsigned_abs());
@@ -150,6 +152,11 @@ impl StageBench for Live {
             pass.captures.push(self.next()?);
         }
         self.driven.arrive()?;
+        if jumps(self) != jumps_before {
+            let cause = "the station's clock jumped while the stage moved: the station or this \
+                         computer was suspended; run this again";
+            return Err(InputError::file(&self.source, cause).into());
+        }
         let serial = self.driven.hand.serial();
         let unknown = || InputError::file(&self.source, "the station's clock is not known yet");
         let (station_us, _) = serial.offset_us().ok_or_else(unknown)?;
