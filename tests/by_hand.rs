@@ -308,6 +308,16 @@ fn run_that_zeroes_says_so() {
 }
 
 #[test]
+fn failed_stop_names_other_means() {
+    let desk = Desk::new("/dev/no-such-port");
+    let done = desk
+        .run("stop")
+        .ended(1, &["/dev/no-such-port", "plugged in"]);
+    let other = "if the stage moves, press the emergency stop";
+    assert!(done.err.contains(other), "{}", done.err);
+}
+
+#[test]
 fn unplugged_port_is_named_at_once() {
     let end = station();
     let desk = Desk::new(&end.path);

@@ -24,10 +24,6 @@ use trinocular_rig::rig_file::{RigFile, Stage};
 /// Timeout for a stage to come to rest.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
 
-/// Advice after a stop that another program's hold on the port has kept back.
-const UNSENT: &str = "no stop was sent: if the stage moves, press the emergency stop or the board's \
-                      button";
-
 /// Polling period of a stage in motion.
 const LOOK: Duration = Duration::from_millis(10);
 
@@ -132,13 +128,7 @@ impl Hand {
 
     /// Connects as [`Hand::connect_to_any`] does, and stops the stage with the first packets.
     pub fn connect_and_stop(argument: &PortArgument) -> Result<Self, Failure> {
-        let connected = Self::connect_by(argument, Serial::connect_and_stop);
-        connected.map_err(|failure| match failure {
-            Failure::Station(failure) if failure.is_of_owner() => {
-                Failure::Station(failure.with_next(Some(UNSENT)))
-            }
-            failure => failure,
-        })
+        Self::connect_by(argument, Serial::connect_and_stop)
     }
 
     fn connect_by(
