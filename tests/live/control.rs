@@ -209,8 +209,9 @@ fn bench_follows_again_after_jog_and_zero() {
         page.state(|state| state["notes"].to_string().contains(ended));
         page.state(is_in("idle"));
     }
-    assert_eq!(page.ask(&json!({"mark": {"text": "lamp off"}})), None);
-    page.state(|state| state["notes"].to_string().contains("lamp off"));
+    let text = "lamp\u{202e} off";
+    assert_eq!(page.ask(&json!({"mark": {"text": text}})), None);
+    page.state(|state| state["notes"].to_string().contains(r"lamp\\u{202e} off"));
 }
 
 /// Each of three jogs at once is done or refused by name, and none replaces another.

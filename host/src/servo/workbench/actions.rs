@@ -11,6 +11,7 @@ use trinocular_client::{StationError, diagnosis};
 use trinocular_core::frame::message::{Command, Denial, Status};
 use trinocular_core::safety::{State, Trust};
 use trinocular_live::controls::{Action, Reply};
+use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::Stage;
 
 /// Refusal of a motion while another is under way.
@@ -61,6 +62,7 @@ impl<B: Bench> Workbench<B> {
                 refused => reply.send(refused),
             },
             Action::Mark { text } => {
+                let text = printable(&text);
                 reply.send(Ok(()));
                 self.recording.event("mark", &text);
                 self.hub.mark(text);
