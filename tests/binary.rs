@@ -143,6 +143,9 @@ fn build() -> PathBuf {
         if cfg!(feature = "genicam") {
             cargo.args(["--features", "trinocular/genicam"]);
         }
+        if cfg!(feature = "gstreamer") {
+            cargo.args(["--features", "trinocular/gstreamer"]);
+        }
         if cfg!(feature = "foxglove") {
             cargo.args(["--features", "trinocular/foxglove"]);
         }

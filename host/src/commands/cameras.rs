@@ -1,7 +1,8 @@
 //! Live cameras by their names on the command line or in the rig file: V4L2 devices, GenICam
-//! cameras, or those that `trinocular twin` simulates.
+//! cameras, GStreamer pipelines, or those that `trinocular twin` simulates.
 
 mod genicam;
+mod gstreamer;
 
 use crate::commands::failure::Failure;
 use std::path::{Path, PathBuf};
@@ -118,6 +119,7 @@ pub fn open(
                 let settings = (capture(index), rig_path);
                 genicam::open(fps, device, name, settings, size_px)?
             }
+            None if gstreamer::is_one(device) => gstreamer::open(device, name, size_px)?,
             None => real(fps, device, name, size_px)?,
         };
         Ok((camera, Some(format)))
@@ -179,7 +181,11 @@ fn simulated(_: &Path, device: &Path, _: usize, _: [u32; 2]) -> Result<Box<dyn C
 }
 
 /// Returns the receiver of the source of a camera's time stamps, which prints it.
-#[cfg(any(feature = "genicam", all(feature = "camera", target_os = "linux")))]
+#[cfg(any(
+    feature = "genicam",
+    feature = "gstreamer",
+    all(feature = "camera", target_os = "linux")
+))]
 fn tell_source(
     name: &str,
     device: &Path,

@@ -16,6 +16,9 @@ use crate::error::InputError;
 /// Beginning of the names of GenICam cameras: `genicam:SERIAL`.
 pub const GENICAM: &str = "genicam:";
 
+/// Beginning of the names of cameras behind a GStreamer pipeline: `gstreamer:PIPELINE`.
+pub const GSTREAMER: &str = "gstreamer:";
+
 /// Fields of a camera that describe its device.
 pub(super) const KEYS: [&str; 12] = [
     "device",
@@ -50,7 +53,7 @@ const TRIGGER_MODES: [&str; 2] = ["Off", "On"];
 /// Device of a camera and its settings. A setting that is `None` stays as the camera has it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Capture {
-    /// Name of the device: `genicam:SERIAL`, or the path of a V4L2 device.
+    /// Name of the device: `genicam:SERIAL`, `gstreamer:PIPELINE`, or the path of a V4L2 device.
     pub device: Option<String>,
     /// Exposure time, µs, above 0 to 6e7.
     pub exposure_us: Option<f64>,

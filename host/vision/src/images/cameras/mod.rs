@@ -12,7 +12,8 @@
 //! runs a thread per camera. [`stream`] is a camera of another program. Only `device` depends on
 //! V4L2, and only it needs the feature `camera`. GenICam cameras (`genicam`, which needs the feature
 //! of this name) have formats of their own ([`mono`]), numbers of their own ([`block_ids`]) and a
-//! clock of their own ([`device_clock`]).
+//! clock of their own ([`device_clock`]). Everything else comes through GStreamer (`gstreamer`, with
+//! the feature of this name).
 //!
 //! *Time* is the host's monotonic clock, in µs since the cameras were started.
 
@@ -23,6 +24,8 @@ pub mod device_clock;
 #[cfg(feature = "genicam")]
 pub mod genicam;
 pub mod grey;
+#[cfg(feature = "gstreamer")]
+pub mod gstreamer;
 pub mod live;
 pub mod matching;
 pub mod mono;
