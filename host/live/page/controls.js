@@ -18,7 +18,7 @@ export class Controls {
     on("reset", () => ({ reset: {} }));
     on("zero", () => ({ zero: {} }));
     on("home", () => ({ home: {} }));
-    on("motors", () => ({ motors_on: {} }));
+    on("motors-on", () => ({ motors_on: {} }));
     for (const button of document.querySelectorAll("[data-jog]")) {
       const way = button.dataset.jog.split(",").map(Number);
       button.addEventListener("click", () => {
@@ -92,8 +92,8 @@ export class Controls {
     byId("home").title = offers.home ? "" : "the rig file names no home switch";
     // A station without a configuration has no motors to switch.
     const areOff = Boolean(station && !station.motors && station.state !== "unconfigured");
-    byId("motors").hidden = !areOff;
-    enable("motors", offers.motion && areOff && !this.isFollowing);
+    byId("motors-on").hidden = !areOff;
+    enable("motors-on", offers.motion && areOff && !this.isFollowing);
     enable("record", offers.record);
     byId("record").title = offers.record ? "" : "only --record records this run";
     byId("record").textContent = this.isRecording ? "End recording" : "Record";

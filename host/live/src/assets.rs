@@ -75,4 +75,30 @@ mod tests {
             );
         }
     }
+
+    /// Returns the texts between `before` and the next quotation mark.
+    fn quoted<'a>(text: &'a str, before: &str) -> Vec<&'a str> {
+        let parts = text.split(before).skip(1);
+        parts.filter_map(|part| part.split('"').next()).collect()
+    }
+
+    /// A script finds the first of two elements of the same name.
+    #[test]
+    fn elements_have_names_of_their_own() {
+        let ids = quoted(PAGE.text, " id=\"");
+        for id in &ids {
+            let count = ids.iter().filter(|other| *other == id).count();
+            assert_eq!(count, 1, "{id}");
+        }
+        let scripts = ASSETS
+            .iter()
+            .filter(|asset| asset.path.ends_with(".js") && !asset.path.starts_with("/vendor"));
+        for script in scripts {
+            for before in ["byId(\"", "setText(\"", " on(\"", "enable(\""] {
+                for id in quoted(script.text, before) {
+                    assert!(ids.contains(&id), "{}: {id}", script.path);
+                }
+            }
+        }
+    }
 }
