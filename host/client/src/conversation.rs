@@ -92,9 +92,15 @@ impl Client {
 
     /// Takes a report whose numbers are plausible, and keeps the first that are not.
     fn judge(&mut self, host_us: u64, report: Report) {
-        if self.hello.is_none() && matches!(report, Report::Pong { .. }) {
-            // The line may still hold a reply to the ping of an earlier host.
-            return;
+        if let Report::Pong {
+            host_us: left_us, ..
+        } = report
+        {
+            let is_later = left_us > host_us && self.clock.offset_us(host_us).is_none();
+            if self.hello.is_none() || is_later {
+                // The line may still hold a reply to the ping of an earlier host.
+                return;
+            }
         }
         let known = Known {
             host_us,
@@ -292,6 +298,32 @@ mod tests {
             tick,
             outcome: Outcome::Accepted,
         }
+    }
+
+    /// A station that was suspended answers the pings of a program that has ended meanwhile.
+    #[test]
+    fn reply_to_an_earlier_program_is_ignored() {
+        let twin = Twin::start(&default_stage(), "twin", Mounting::OnStage).expect("it starts");
+        let hello = twin.client().hello().expect("it tells").clone();
+        let pong = |host_us| Report::Pong {
+            host_us,
+            received: Instant::from_micros(7_000_000),
+            sent: Instant::from_micros(7_000_000),
+        };
+        let at = |client: &mut Client, us, report| {
+            client.feed(us, &encode(&report).expect("it fits"));
+        };
+        let mut client = Client::default();
+        at(&mut client, 200, Report::Hello(hello));
+        at(&mut client, 291, pong(1_280_456));
+        assert_eq!(
+            (client.implausible(), client.clock().offset_us(0)),
+            (None, None)
+        );
+        at(&mut client, 400, pong(300));
+        assert!(client.clock().offset_us(0).is_some());
+        at(&mut client, 500, pong(501));
+        assert!(client.implausible().is_some());
     }
 
     #[test]

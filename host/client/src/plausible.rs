@@ -8,7 +8,7 @@
 //! |---|---|
 //! | `hello.word_rate_hz` | 32,000 to 16,000,000 |
 //! | `hello.delay_us` | 0 to 100,000 |
-//! | `pong.host_us` | 0 to the host's clock: the ping was sent before |
+//! | `pong.host_us` | 0 to the host's clock, after the first reply: the ping was sent before |
 //! | `pong.received`, `pong.sent` | 0 to 1,000 days in µs; `sent` at most 10 s after `received` |
 //! | `status.time` | 0 to 1,000 days in µs; where the host waits, at most 1 s after its clock |
 //! | `pong.sent`, `status.time` | at most 10 s ahead of the station's clock as the host knows it |

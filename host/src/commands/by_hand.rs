@@ -268,10 +268,19 @@ impl Hand {
             }
             let status = match self.serial.fresh_status(true) {
                 Err(StationError::Cancelled) => continue,
-                Err(
-                    error
-                    @ (StationError::StoppedByOther { .. } | StationError::Interrupted { .. }),
-                ) => return self.rest_after(error),
+                Err(error @ StationError::StoppedByOther { .. }) => {
+                    return self.rest_after(error);
+                }
+                Err(error @ StationError::Interrupted { .. }) => {
+                    // The station may have moved on for the heartbeat timeout, and move still.
+                    self.stop()?;
+                    return self.rest_after(error);
+                }
+                Err(error @ StationError::Restarted { .. }) => {
+                    let status = self.serial.status().ok_or_else(|| self.failed(error))?;
+                    let end = End::Own;
+                    return Ok(Rest { status, end });
+                }
                 status => status.map_err(|error| self.failed(error))?,
             };
             match motion.is_over(Instant::now(), &status) {

@@ -49,8 +49,12 @@ pub(super) struct Line {
     heard: Instant,
     link: Link,
     interruption: Option<Interruption>,
-    /// True once a status has shown the configuration that this program has sent.
+    /// True if this program may send commands.
+    drives: bool,
+    /// True once a status has shown a configuration.
     is_configured: bool,
+    /// The same when the line went down.
+    was_configured: bool,
     /// Session that commands belong to; `None` before the first hello.
     session: Option<u32>,
     /// Time for reconnecting a lost line.
@@ -86,7 +90,9 @@ impl Line {
             heard: Instant::now(),
             link: Link::Up,
             interruption: None,
+            drives: purpose == Purpose::Drive,
             is_configured: false,
+            was_configured: false,
             session: None,
             patience: match owner {
                 // When the owner is gone, so is the knowledge of what it did.

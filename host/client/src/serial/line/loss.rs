@@ -86,15 +86,18 @@ impl Line {
         }
     }
 
-    /// Returns true if the station lost the configuration that it had from this program: it
-    /// restarted while the line stayed up, after a brown-out or by its watchdog.
+    /// Returns true if the station that this program drives lost its configuration: it restarted
+    /// while the line stayed up, after a brown-out or by its watchdog. No command takes a
+    /// configuration away.
     pub(super) fn has_forgotten(&mut self) -> bool {
-        let Some(state) = self.client.status().map(|status| status.state) else {
+        let status = self.client.status_since_hello();
+        let Some(state) = status.map(|status| status.state).filter(|_| self.drives) else {
             return false;
         };
-        let is_configured = self.configuration.is_some() && state != State::Unconfigured;
-        self.is_configured |= is_configured;
-        self.is_configured && !is_configured && self.interruption.is_none()
+        // A stop and a fault also come without a configuration.
+        self.is_configured |= state == State::Idle || state.is_moving();
+        let has_none = state == State::Unconfigured;
+        self.is_configured && has_none && self.interruption.is_none()
     }
 
     pub(super) fn lose(&mut self, reason: String) {
@@ -117,7 +120,7 @@ impl Line {
                 observer.line_lost(self.sender.now_us(), &reason);
             }
             self.sender.set_pings(false);
-            self.is_configured = false;
+            self.was_configured = std::mem::take(&mut self.is_configured);
             let since = Instant::now();
             self.client.begin_again();
             self.link = Link::Down {
@@ -210,10 +213,13 @@ impl Line {
             return Some(Interruption::Mismatch(mismatches.to_vec()));
         }
         let state = self.client.status()?.state;
-        let forgot = self.configuration.is_some() && state == State::Unconfigured;
+        let had_one = self.configuration.is_some() || self.was_configured;
+        let forgot = had_one && state == State::Unconfigured;
         if self.session != Some(hello.session) || forgot {
             let cause = crate::reset_cause(hello.reset_cause);
             self.client.forget_clock();
+            // Its outputs went off with the restart.
+            self.client.motion_mut().ended();
             return Some(Interruption::Restarted { cause });
         }
         Some(Interruption::Away {
