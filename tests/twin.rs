@@ -324,6 +324,9 @@ fn suspended_reader_loses_images_only() {
         }
     };
     reaches("the first images", &|state| turns(state) > 5);
+    reaches("a position", &|state| {
+        state["latest"]["stage_mm"][2].is_number()
+    });
     suspend(&serve);
     // Longer than the 3 s for which a program waits for images.
     std::thread::sleep(Duration::from_millis(3_500));

@@ -269,7 +269,8 @@ fn in_use(holder: Option<&serial::Holder>) -> String {
         Some(serial::Holder { pid, command }) => {
             format!(
                 "in use by `{command}` (process {pid}); end it with Ctrl-C there, or run \
-                 `trinocular stop`, which does the same to a run of this program"
+                 `trinocular stop`: a run of this program then ends, but for `serve`, which lets \
+                 others move the stage unless it follows"
             )
         }
         None => {

@@ -308,6 +308,17 @@ impl Hub {
         })
     }
 
+    /// Returns the present state for scripts: with the last sample by names instead of all samples.
+    pub(crate) fn present(&self) -> Value {
+        let latest = lock(&self.state).latest();
+        let (mut state, _, _) = self.state_since(u64::MAX, 0);
+        if let Some(fields) = state.as_object_mut() {
+            fields.remove("samples");
+            fields.insert("latest".to_owned(), latest);
+        }
+        state
+    }
+
     /// Returns the state with the samples after number `seen` and the notes after `noted`, and the
     /// numbers of the last ones.
     pub(crate) fn state_since(&self, seen: u64, noted: u64) -> (Value, u64, u64) {

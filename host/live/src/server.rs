@@ -283,15 +283,14 @@ async fn live(State(site): State<Site>, headers: HeaderMap, upgrade: WebSocketUp
         })
 }
 
-/// Returns the latest state without samples, for scripts on this computer.
+/// Returns the present state, for scripts on this computer.
 async fn state(State(site): State<Site>) -> Response {
     if !site.address.ip().is_loopback() {
         return refuse(StatusCode::FORBIDDEN, "only on 127.0.0.1");
     }
-    let (state, _, _) = site.hub.state_since(u64::MAX, 0);
     (
         [(header::CONTENT_TYPE, "application/json")],
-        state.to_string(),
+        site.hub.present().to_string(),
     )
         .into_response()
 }

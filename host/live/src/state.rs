@@ -2,7 +2,7 @@
 
 use crate::hub::{Setup, Turn};
 use crate::images::Encoded;
-use crate::telemetry::{Counts, Sample, Samples, percentiles};
+use crate::telemetry::{Counts, Sample, Samples, percentiles, rounded};
 use serde_json::{Value, json};
 use std::collections::VecDeque;
 use trinocular_client::diagnosis;
@@ -136,6 +136,11 @@ impl State {
         });
     }
 
+    /// Returns the last sample by names; null before the first.
+    pub fn latest(&self) -> Value {
+        self.samples.last().map_or(Value::Null, Sample::named)
+    }
+
     /// Copies the state with the samples after number `seen` and the notes after `noted`.
     pub fn snapshot(&self, seen: u64, noted: u64) -> Snapshot {
         let (samples, last_sample) = self.samples.since(seen);
@@ -174,11 +179,11 @@ impl Snapshot {
     pub fn into_json(self) -> Value {
         let notes = self.notes.iter();
         let notes: Vec<Value> = notes
-            .map(|note| json!({"at_s": note.at_s, "kind": note.kind, "text": note.text}))
+            .map(|note| json!({"at_s": rounded(note.at_s, 1e6), "kind": note.kind, "text": note.text}))
             .collect();
         json!({
             "type": "state",
-            "at_s": self.at_s,
+            "at_s": rounded(self.at_s, 1e6),
             "samples": self.samples,
             "notes": notes,
             "following": self.is_following,

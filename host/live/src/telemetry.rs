@@ -2,6 +2,7 @@
 
 use crate::hub::{Setup, Turn};
 use serde::Serialize;
+use serde_json::{Value, json};
 use std::collections::{BTreeMap, VecDeque};
 use trinocular_core::frame::message::Mounting;
 use trinocular_rig::rig_file::along_stage;
@@ -57,6 +58,28 @@ impl Sample {
     }
 }
 
+impl Sample {
+    /// Returns the numbers by their names, for scripts.
+    pub fn named(&self) -> Value {
+        let vector = |v: Option<[f64; 3]>| v.map(|v| v.map(short));
+        json!({
+            "at_s": short(self.at_s),
+            "displacement_mm": vector(self.displacement_mm),
+            "sigma_mm": vector(self.sigma_mm),
+            "error_um": vector(self.error_um),
+            "stage_mm": vector(Some(self.stage_mm)),
+            "target_mm": vector(self.target_mm),
+            "latency_ms": self.latency_ms.map(short),
+            "points": self.points,
+        })
+    }
+}
+
+/// Rounds to a hundredth of a micrometre, which is enough for a plot.
+fn short(number: f64) -> f64 {
+    rounded(number, 1e5)
+}
+
 /// A row of numbers: `[at_s, displacement, sigma, error, stage, target, latency_ms, points]`, with
 /// three numbers for each vector and null for each unknown number.
 impl Serialize for Sample {
@@ -71,8 +94,7 @@ impl Serialize for Sample {
         row.extend(vector(self.target_mm));
         row.push(self.latency_ms);
         row.push(Some(self.points as f64));
-        // A hundredth of a micrometre is enough for a plot.
-        let short = |x: Option<f64>| x.filter(|x| x.is_finite()).map(|x| rounded(x, 1e5));
+        let short = |x: Option<f64>| x.filter(|x| x.is_finite()).map(short);
         serializer.collect_seq(row.into_iter().map(short))
     }
 }
@@ -100,6 +122,11 @@ impl Samples {
         let new = self.count.saturating_sub(seen).min(self.kept.len() as u64) as usize;
         let first = self.kept.len() - new;
         (self.kept.range(first..).copied().collect(), self.count)
+    }
+
+    /// Returns the last sample.
+    pub fn last(&self) -> Option<&Sample> {
+        self.kept.back()
     }
 
     /// Returns the frame sets per second, of the last ones.

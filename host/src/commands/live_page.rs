@@ -73,7 +73,11 @@ impl LivePage {
         let address = self.address;
         let print = move |token: &str| {
             let link = Server::url(address, Some(token));
-            notice!("control link, works once: {link}");
+            let elsewhere = match address.ip().is_unspecified() {
+                true => " (on another computer with this one's address instead of 127.0.0.1)",
+                false => "",
+            };
+            notice!("control link, works once: {link}{elsewhere}");
         };
         let access = Access::new(print)
             .map_err(|cause| Failure::of_page(LiveError::System(cause.to_string())))?;
