@@ -278,10 +278,11 @@ impl<B: Bench> Workbench<B> {
             StationError::StoppedByOther { by } => {
                 let reason = format!("stopped by {by}");
                 // Requests from before the stop must not undo it.
+                let undone = format!("not done, because the stage was {reason}; ask again");
                 while let Ok(request) = self.requests.try_recv() {
-                    request.reply.send(Err(reason.clone()));
+                    request.reply.send(Err(undone.clone()));
                 }
-                self.cancel_reset(&reason);
+                self.cancel_reset(&undone);
                 self.end_following(reason.clone());
                 self.recording.event("stop", &reason);
                 // The station itself stays stopped until a reset.
