@@ -75,15 +75,33 @@ fn across<S: Copy, T>(rows: [&[S]; 5], filter: impl Fn([S; 5]) -> T, out: &mut [
     }
 }
 
-/// Filters along a row at every `STEP`th place and divides by 256. The two first and two last
-/// values of the row lie beyond the image.
+/// Filters along a row and divides by 256. The two first and two last values of the row lie beyond
+/// the image.
 #[inline(always)]
-fn along<S: Copy, const STEP: usize>(row: &[S], filter: impl Fn([S; 5]) -> f32, out: &mut [f32]) {
-    let count = (out.len() - 1) * STEP + 1;
-    let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|i| &row[i..][..count]);
+fn along(row: &[u16], out: &mut [f32]) {
+    let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|i| &row[i..][..out.len()]);
     for (i, out) in out.iter_mut().enumerate() {
-        let i = i * STEP;
-        *out = filter([a[i], b[i], c[i], d[i], e[i]]) / 256.0;
+        *out = f32::from(narrow([a[i], b[i], c[i], d[i], e[i]])) / 256.0;
+    }
+}
+
+/// Filters along a row at every second place and divides by 256. The row comes as its values with
+/// even and with odd index, because vectors are read from consecutive places only.
+#[inline(always)]
+fn along_halved([even, odd]: [&[f32]; 2], out: &mut [f32]) {
+    let [a, c, e] = [0, 1, 2].map(|i| &even[i..][..out.len()]);
+    let [b, d] = [0, 1].map(|i| &odd[i..][..out.len()]);
+    for (i, out) in out.iter_mut().enumerate() {
+        *out = wide([a[i], b[i], c[i], d[i], e[i]]) / 256.0;
+    }
+}
+
+/// Sorts the values of a row by even and odd index.
+#[inline(always)]
+fn split(row: &[f32], [even, odd]: [&mut [f32]; 2]) {
+    let (pairs, _) = row.as_chunks::<2>();
+    for ((even, odd), pair) in even.iter_mut().zip(odd).zip(pairs) {
+        (*even, *odd) = (pair[0], pair[1]);
     }
 }
 
@@ -114,19 +132,43 @@ fn smooth(image: &Image, r: usize, column: &mut [u16], plane: &mut Plane) {
     across(five, filter, &mut column[2..width + 2]);
     repeat_ends(&mut column[..width + 4]);
     let (inside, beyond) = plane.row_mut(r);
-    along::<u16, 1>(column, |sums| f32::from(narrow(sums)), inside);
+    along(column, inside);
     beyond.fill(inside[width - 1]);
+}
+
+/// Buffers for one row of a level that is halved.
+struct HalvedRow {
+    column: Vec<f32>,
+    /// Values of `column` with even and with odd index.
+    parts: [Vec<f32>; 2],
+}
+
+impl HalvedRow {
+    /// Creates buffers for levels at most `width` px wide.
+    fn new(width: usize) -> Self {
+        // One more than the border, so that the number of values is even.
+        let count = width + 5;
+        Self {
+            column: vec![0.0; count],
+            parts: [(); 2].map(|()| vec![0.0; count.div_ceil(2)]),
+        }
+    }
 }
 
 /// Computes row `r` of any other level.
 #[inline(always)]
-fn halve(below: &Plane, r: usize, column: &mut [f32], plane: &mut Plane) {
+fn halve(below: &Plane, r: usize, row: &mut HalvedRow, plane: &mut Plane) {
     let size = [below.width, below.height];
     let five = rows(&below.grey, 2 * r, size, below.stride);
+    let HalvedRow { column, parts } = row;
     across(five, wide, &mut column[2..size[0] + 2]);
     repeat_ends(&mut column[..size[0] + 4]);
+    split(
+        &column[..size[0] + 5],
+        parts.each_mut().map(Vec::as_mut_slice),
+    );
     let (inside, beyond) = plane.row_mut(r);
-    along::<f32, 2>(column, wide, inside);
+    along_halved(parts.each_ref().map(Vec::as_slice), inside);
     beyond.fill(inside[inside.len() - 1]);
 }
 
@@ -144,7 +186,7 @@ impl NullaryFnOnce for Fill<'_> {
     fn call(self) {
         let Self { image, levels } = self;
         let mut sums = vec![0_u16; image.width + 4];
-        let mut column = vec![0.0_f32; image.width + 4];
+        let mut row = HalvedRow::new(image.width);
         // Number of complete rows, per level.
         let mut done = vec![0; levels.len()];
         for r in 0..image.height {
@@ -156,7 +198,7 @@ impl NullaryFnOnce for Fill<'_> {
                 while done[level] < plane.height
                     && (2 * done[level] + 2).min(below.height - 1) < done[level - 1]
                 {
-                    halve(below, done[level], &mut column, plane);
+                    halve(below, done[level], &mut row, plane);
                     done[level] += 1;
                 }
             }
@@ -175,9 +217,9 @@ impl NullaryFnOnce for Halve<'_> {
         let below = self.0;
         let mut plane = Plane::default();
         plane.resize(below.width.div_ceil(2), below.height.div_ceil(2));
-        let mut column = vec![0.0_f32; below.width + 4];
+        let mut row = HalvedRow::new(below.width);
         for r in 0..plane.height {
-            halve(below, r, &mut column, &mut plane);
+            halve(below, r, &mut row, &mut plane);
         }
         plane
     }
@@ -297,6 +339,25 @@ mod tests {
             }
         }
         assert!(Pyramid::default().halved(3).levels.is_empty());
+    }
+
+    #[test]
+    fn halved_row_has_bits_of_single_places() {
+        let mut random = trinocular_rig::random::Random::seeded(3);
+        for width in 1..70_usize {
+            let mut row: Vec<f32> = (0..width + 5)
+                .map(|_| random.between(0.0, 4e3) as f32)
+                .collect();
+            repeat_ends(&mut row[..width + 4]);
+            let mut parts = [(); 2].map(|()| vec![0.0; row.len().div_ceil(2)]);
+            split(&row, parts.each_mut().map(Vec::as_mut_slice));
+            let mut out = vec![0.0; width.div_ceil(2)];
+            along_halved(parts.each_ref().map(Vec::as_slice), &mut out);
+            for (i, found) in out.into_iter().enumerate() {
+                let five = [0, 1, 2, 3, 4].map(|tap| row[2 * i + tap]);
+                assert_eq!(found, wide(five) / 256.0, "{width} {i}");
+            }
+        }
     }
 
     #[test]

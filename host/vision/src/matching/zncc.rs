@@ -7,6 +7,8 @@
 //! The denominator of every window is computed once per image ([`ZnccPlane`]), so that each
 //! correlation is one sum of products. OpenCV calls the measure `TM_CCOEFF_NORMED`.
 
+use std::ops::Range;
+
 use pulp::{Arch, NullaryFnOnce};
 
 use super::pyramid::Plane;
@@ -134,11 +136,14 @@ impl ZnccPlane {
         [self.plane.width, self.plane.height]
     }
 
+    /// Returns the columns (axis 0) or rows (axis 1) around which a window lies within the image.
+    pub fn window_centres(&self, axis: usize) -> Range<i64> {
+        RADIUS as i64..self.size()[axis] as i64 - RADIUS as i64
+    }
+
     /// Returns true if the window around `(x, y)` lies within the image.
     pub fn contains_window(&self, x: i64, y: i64) -> bool {
-        let inside =
-            |at: i64, size: usize| at >= RADIUS as i64 && at + (RADIUS as i64) < size as i64;
-        inside(x, self.plane.width) && inside(y, self.plane.height)
+        self.window_centres(0).contains(&x) && self.window_centres(1).contains(&y)
     }
 
     /// Takes the window around `(x, y)`. Returns `None` if it leaves the image or has no contrast.
