@@ -1,7 +1,7 @@
 //! A simulated station in real time: the board's own code on this computer's clock, with a
 //! simulated stage on rails at its pins, switches at the rails' ends, and a button.
 
-use super::Hardware;
+use super::{Exposure, Hardware};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use trinocular_core::frame::message::Side;
 use trinocular_core::safety::Inputs;
@@ -79,6 +79,7 @@ impl RealTimeTwin {
             emergency_stop: self.switches.emergency_stop,
             driver_fault: self.switches.driver_fault,
             words_emitted: 0,
+            trigger_losses: 0,
         });
         // Whole microseconds pass, and the rest counts in the next turn: the clock keeps its rate.
         let now = Instant::now();
@@ -97,6 +98,24 @@ impl RealTimeTwin {
     /// Returns the instant up to which time has passed for the station.
     pub fn now(&self) -> Instant {
         self.last
+    }
+
+    /// Returns true while the station triggers the cameras.
+    pub fn is_triggering(&self) -> bool {
+        self.hardware.station.machine().is_triggering()
+    }
+
+    /// Takes the triggers since the last call: instants of this computer, and the positions of the
+    /// stage then, mm.
+    pub fn exposures(&mut self) -> Vec<(Instant, [f64; 3])> {
+        let (now, station) = (self.last, self.hardware.station.now());
+        let exposures = self.hardware.exposures.drain(..);
+        exposures
+            .map(|Exposure { at, stage_mm }| {
+                let ago = Duration::from_micros(station.since(at));
+                (now.checked_sub(ago).unwrap_or(now), stage_mm)
+            })
+            .collect()
     }
 
     /// Returns the state of the switches.

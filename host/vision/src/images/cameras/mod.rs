@@ -29,3 +29,4 @@ pub mod mono;
 pub mod numbers;
 pub mod stamp;
 pub mod stream;
+pub mod triggers;

@@ -219,3 +219,58 @@ fn stop_ends_frame_sets() {
     bench.stop.store(true, Relaxed);
     assert!(bench.live.next().is_none());
 }
+
+/// The middle camera misses trigger 2, and the right one gives two images of trigger 3.
+#[test]
+fn triggered_images_have_their_triggers_time() {
+    let (senders, cameras): (Vec<_>, Vec<_>) = NAMES
+        .map(|name| {
+            let (sender, shots) = channel();
+            let sent = 0;
+            (sender, Sent { name, shots, sent })
+        })
+        .into_iter()
+        .unzip();
+    let triggers = Arc::new(Triggers::new(100));
+    let (teller, told) = channel();
+    let tell = move |anomaly: &InputError| teller.send(anomaly.to_string()).unwrap();
+    let stop = Arc::default();
+    let live = LiveCameras::start_triggered(cameras, &triggers, stop, |_| (), tell);
+    let mut live = live.unwrap();
+    let begun = live.started;
+    let at = |number: u32| begun + Duration::from_millis(10) * number;
+    for number in 1..=5 {
+        let heard = at(number) + Duration::from_millis(1);
+        triggers.report(number, 5_000_000 + 10_000 * u64::from(number), heard);
+    }
+    let send = |camera: usize, number: u32, late_ms: u64, grey: u8| {
+        let late = at(number) + Duration::from_millis(late_ms);
+        let shot = CameraEvent::Image(late, image(grey));
+        senders[camera].send(shot).unwrap();
+    };
+    (0..3).for_each(|camera| send(camera, 1, camera as u64, 1));
+    let capture = live.next().unwrap().unwrap();
+    assert_eq!(capture.time_us, 5_010_000);
+    assert_eq!(capture.images, [image(1), image(1), image(1)]);
+    for (camera, number) in [(0, 2), (0, 3), (1, 3), (2, 2), (2, 3)] {
+        send(camera, number, camera as u64, number as u8);
+    }
+    send(2, 3, 5, 9);
+    let seen = |tally: &Tally| tally.matching.arrived + tally.doubled;
+    while live.tallies().iter().map(seen).ne([3, 2, 4]) {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let capture = live.next().unwrap().unwrap();
+    assert_eq!(capture.time_us, 5_030_000);
+    assert_eq!(capture.images, [image(3), image(3), image(3)]);
+    let mut told: Vec<String> = told.try_iter().collect();
+    told.sort();
+    let expected = [
+        "/dev/middle: no image of trigger 2",
+        "/dev/right: a second image of trigger 3",
+    ];
+    assert_eq!(told, expected);
+    let counts = live.tallies().into_iter();
+    let counts: Vec<_> = counts.map(|tally| (tally.missed, tally.doubled)).collect();
+    assert_eq!(counts, [(0, 0), (1, 0), (0, 1)]);
+}
