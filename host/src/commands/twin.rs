@@ -56,7 +56,7 @@ pub struct TwinOptions {
     /// rig file's cameras on the stage, for other programs to read with `--cameras twin`
     ///
     /// The cameras run freely at --fps until the station triggers them, as `[trigger]` in a rig
-    /// file asks.
+    /// file asks, and again 2 s after its last trigger.
     #[arg(long, conflicts_with = "tcp")]
     with_target: bool,
 

@@ -37,6 +37,19 @@ pub struct RealTimeTwin {
     switches: Switches,
     session: u32,
     last: Instant,
+    /// Time that has passed for the station since it was first switched on.
+    passed: Duration,
+}
+
+/// Images that a station has triggered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Triggered {
+    /// Instant of this computer.
+    pub at: Instant,
+    /// [`RealTimeTwin::passed`] then.
+    pub passed: Duration,
+    /// Position of the stage then, mm.
+    pub stage_mm: [f64; 3],
 }
 
 impl RealTimeTwin {
@@ -60,16 +73,14 @@ impl RealTimeTwin {
             switches: Switches::default(),
             session,
             last: Instant::now(),
+            passed: Duration::ZERO,
         }
     }
 
-    /// Takes the bytes that have arrived, lets the time since the last call pass, and returns the
+    /// Lets the time since the last call pass, takes the bytes that have arrived, and returns the
     /// bytes for the host. Call it every millisecond or two.
     pub fn turn(&mut self, received: &[u8]) -> Vec<u8> {
         let hardware = &mut self.hardware;
-        if !received.is_empty() {
-            hardware.receive(received);
-        }
         let steps = hardware.plant.steps();
         hardware.set_switches(Inputs {
             limits: std::array::from_fn(|axis| {
@@ -91,6 +102,11 @@ impl RealTimeTwin {
         };
         let end_us = hardware.station.now().micros() + passed_us;
         hardware.run_until(StationInstant::from_micros(end_us));
+        self.passed += Duration::from_micros(passed_us);
+        // No earlier: they may have been sent a moment ago.
+        if !received.is_empty() {
+            hardware.receive(received);
+        }
         let packets = hardware.to_host.drain(..);
         packets.flat_map(|(_, bytes)| bytes).collect()
     }
@@ -100,20 +116,29 @@ impl RealTimeTwin {
         self.last
     }
 
+    /// Returns the time that has passed for the station since it was first switched on. It stands
+    /// still while this computer is busy.
+    pub fn passed(&self) -> Duration {
+        self.passed
+    }
+
     /// Returns true while the station triggers the cameras.
     pub fn is_triggering(&self) -> bool {
         self.hardware.station.machine().is_triggering()
     }
 
-    /// Takes the triggers since the last call: instants of this computer, and the positions of the
-    /// stage then, mm.
-    pub fn exposures(&mut self) -> Vec<(Instant, [f64; 3])> {
-        let (now, station) = (self.last, self.hardware.station.now());
+    /// Takes the triggers since the last call.
+    pub fn exposures(&mut self) -> Vec<Triggered> {
+        let (now, passed, station) = (self.last, self.passed, self.hardware.station.now());
         let exposures = self.hardware.exposures.drain(..);
         exposures
             .map(|Exposure { at, stage_mm }| {
                 let ago = Duration::from_micros(station.since(at));
-                (now.checked_sub(ago).unwrap_or(now), stage_mm)
+                Triggered {
+                    at: now.checked_sub(ago).unwrap_or(now),
+                    passed: passed.saturating_sub(ago),
+                    stage_mm,
+                }
             })
             .collect()
     }

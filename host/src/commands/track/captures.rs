@@ -116,9 +116,7 @@ impl<'a> Captures<'a> {
         let mut station = station.map_err(|error| failed(error.into()))?;
         introduce(&station);
         if let Some(triggering) = triggering {
-            let start = Command::Trigger(triggering.trigger.settings());
-            let started = station.command("trigger", start);
-            started.map_err(|error| failed(error.into()))?;
+            triggering.start(&mut station).map_err(failed)?;
         }
         let clock = match (port, live) {
             (_, Some(LiveClock::Station(_))) => CaptureClock::Station,

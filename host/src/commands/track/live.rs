@@ -17,7 +17,7 @@ use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::cameras::live::{LiveCameras, Tally};
 
-/// Number of missed and doubled images that are printed.
+/// Number of missed, doubled and doubtful images that are printed.
 const PRINTED: usize = 20;
 
 /// Returns the stage and the mounting of the cameras. A real stage must be in the rig file.
@@ -80,7 +80,7 @@ fn triggering(options: &TrackOptions, rig: &RigFile) -> Result<Option<Triggering
     Ok(Some(Triggering::new(trigger)))
 }
 
-/// Returns a printer of missed and doubled images: the first ones, because a camera whose settings
+/// Returns a printer of missed, doubled and doubtful images: the first ones, because a camera whose settings
 /// are wrong has one at every trigger.
 fn anomalies() -> impl FnMut(&InputError) {
     let mut printed = 0;
@@ -157,7 +157,10 @@ fn follow(
         let (within, of_triggers) = match &triggering {
             Some(_) => {
                 let (missed, doubled) = (tally.missed, tally.doubled);
-                let counts = format!("; {missed} triggers missed, {doubled} images doubled");
+                let counts = format!(
+                    "; {missed} triggers missed, {doubled} images doubled, {} doubtful",
+                    tally.doubtful
+                );
                 (String::new(), counts)
             }
             None => (format!(" within {} ms", options.window_ms()), String::new()),
@@ -166,7 +169,12 @@ fn follow(
             "{name} ({}): {} images, {} used, {} overtaken by newer ones, {} without partners{}, \
              {} stale, {} damaged, {} incomplete, {} out of order; its driver lost {}{}",
             device.display(),
-            matching.arrived + tally.stale + tally.damaged + tally.incomplete + tally.doubled,
+            matching.arrived
+                + tally.stale
+                + tally.damaged
+                + tally.incomplete
+                + tally.doubled
+                + tally.doubtful,
             matching.used,
             matching.overtaken,
             matching.unmatched,

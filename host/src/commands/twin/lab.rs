@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use trinocular::servo::path::TargetPath;
 use trinocular_client::stage::{default_stage, setpoint};
 use trinocular_client::twin::Twin;
-use trinocular_client::twin::real_time::RealTimeTwin;
+use trinocular_client::twin::real_time::{RealTimeTwin, Triggered};
 use trinocular_core::frame::message::Mounting;
 use trinocular_core::time::Instant as StationInstant;
 use trinocular_rig::error::InputError;
@@ -36,14 +36,17 @@ pub struct LabSetup {
     pub fps: f64,
 }
 
-/// Time after which a doubled image is stamped: less than half a period up to 160 images per
-/// second.
-const DOUBLED_AFTER: Duration = Duration::from_millis(3);
+/// Time after which a doubled image is stamped: less than an eighth of a period up to 125 images
+/// per second.
+const DOUBLED_AFTER: Duration = Duration::from_millis(1);
+
+/// Time without triggers after which the cameras run freely again.
+const FREE_AFTER: Duration = Duration::from_secs(2);
 
 /// Instant at which all cameras take an image.
 struct Shot {
     number: u32,
-    /// Time since the start.
+    /// Time that has passed for the station, and so for the target.
     since: Duration,
     /// Capture time on the monotonic clock.
     captured: Duration,
@@ -59,6 +62,8 @@ pub struct Lab {
     period: Duration,
     /// Time at which the next image is due, while the cameras run freely.
     due: Duration,
+    /// Time at which the station last gave triggers.
+    triggered: Option<Duration>,
     taken: u32,
     disturbance: Option<Disturbance>,
     /// Socket of the cameras, removed at the end.
@@ -96,6 +101,7 @@ impl Lab {
             started: Instant::now(),
             period: Duration::from_secs_f64(1.0 / setup.fps),
             due: Duration::ZERO,
+            triggered: None,
             taken: 0,
             disturbance: None,
             path,
@@ -107,32 +113,40 @@ impl Lab {
         self.disturbance = Some(disturbance);
     }
 
-    /// Takes images at the station's triggers, or if they are due where it gives none.
+    /// Takes images at the station's triggers, or if they are due where it has given none for a
+    /// while.
     pub fn turn(&mut self, twin: &mut RealTimeTwin) {
-        for (at, stage_mm) in twin.exposures() {
-            self.shoot(at, stage_mm);
+        for exposure in twin.exposures() {
+            self.shoot(exposure);
         }
         let at = twin.now();
         let since = at.saturating_duration_since(self.started);
         if twin.is_triggering() {
+            self.triggered = Some(since);
+        }
+        let is_waiting = |last: Duration| since < last + FREE_AFTER;
+        if self.triggered.is_some_and(is_waiting) {
             self.due = since;
         } else if since >= self.due {
             // A busy computer leaves images out.
             let late = (since - self.due).as_nanos() % self.period.as_nanos();
             self.due = since + self.period - Duration::from_nanos(late as u64);
-            self.shoot(at, twin.position_mm());
+            self.shoot(Triggered {
+                at,
+                passed: twin.passed(),
+                stage_mm: twin.position_mm(),
+            });
         }
     }
 
-    /// Takes images. `at` is the instant at which the stage stood at `stage_mm`.
-    fn shoot(&mut self, at: Instant, stage_mm: [f64; 3]) {
-        let since = at.saturating_duration_since(self.started);
+    /// Takes images.
+    fn shoot(&mut self, exposure: Triggered) {
         self.taken = self.taken.saturating_add(1);
         let shot = Shot {
             number: self.taken,
-            since,
-            captured: monotonic().saturating_sub(at.elapsed()),
-            cameras_mm: stage_mm,
+            since: exposure.passed,
+            captured: monotonic().saturating_sub(exposure.at.elapsed()),
+            cameras_mm: exposure.stage_mm,
             disturbance: self.disturbance.take(),
         };
         // A full queue is a lost image, which the readers see by its number. Without a renderer the

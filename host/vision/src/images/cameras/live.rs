@@ -104,6 +104,8 @@ pub struct Tally {
     pub missed: u64,
     /// Second images of a trigger.
     pub doubled: u64,
+    /// Images of triggered cameras whose trigger is not certain.
+    pub doubtful: u64,
 }
 
 impl Tally {
@@ -118,6 +120,7 @@ impl Tally {
             ("out of order", self.matching.disordered),
             ("overtaken by newer images", self.matching.overtaken),
             ("second of a trigger", self.doubled),
+            ("whose trigger is not certain", self.doubtful),
             ("without partners in time", self.matching.unmatched),
         ];
         drops.into_iter().filter(|(_, count)| *count > 0).collect()
@@ -132,7 +135,7 @@ struct State {
     failed: Option<InputError>,
     /// Reasons why cameras are left out, not yet reported.
     losses: Vec<InputError>,
-    /// Missed and doubled images, not yet reported.
+    /// Missed, doubled and doubtful images, not yet reported.
     anomalies: Vec<InputError>,
 }
 
@@ -197,13 +200,13 @@ impl LiveCameras {
             false => started.checked_add(delay),
         };
         let zero = zero.unwrap_or(started);
-        let source = |_| TimeSource::Stamps { zero };
+        let source = |_, _| TimeSource::Stamps { zero };
         Self::start_with(started, cameras, window, stop, tell, source)
     }
 
     /// Starts cameras that a station triggers, as [`LiveCameras::start`] does. The capture time of
     /// an image is the instant of its trigger, on the station's clock. `tell_anomaly` is called for
-    /// each missed and each doubled image.
+    /// each missed, doubled and doubtful image.
     ///
     /// # Errors
     /// As [`LiveCameras::start`].
@@ -216,10 +219,12 @@ impl LiveCameras {
     ) -> Result<Self, InputError> {
         // Images of one trigger have the same time.
         let window = Duration::ZERO;
-        let source = |path| TimeSource::Triggers {
+        triggers.attend(cameras.iter().map(Camera::path).collect());
+        let source = |camera, path| TimeSource::Triggers {
             path,
             triggers: Arc::clone(triggers),
-            count: Count::default(),
+            count: Count::of(camera),
+            events: 0,
         };
         let mut live = Self::start_with(Instant::now(), cameras, window, stop, tell, source)?;
         live.tell_anomaly = Box::new(tell_anomaly);
@@ -232,7 +237,7 @@ impl LiveCameras {
         window: Duration,
         stop: Arc<AtomicBool>,
         tell: impl FnMut(&InputError) + 'static,
-        source: impl Fn(PathBuf) -> TimeSource,
+        source: impl Fn(usize, PathBuf) -> TimeSource,
     ) -> Result<Self, InputError> {
         let count = cameras.len();
         let shared = Arc::new(Shared {
@@ -260,7 +265,7 @@ impl LiveCameras {
         for (index, camera) in cameras.into_iter().enumerate() {
             let shared = Arc::clone(&shared);
             let (path, needs_release) = (camera.path(), camera.needs_release());
-            let source = source(path.clone());
+            let source = source(index, path.clone());
             let run = move || attend(camera, index, source, &shared);
             let thread = std::thread::Builder::new()
                 .name(format!("camera {index}"))
@@ -305,9 +310,14 @@ impl LiveCameras {
                     stale,
                     damaged,
                     incomplete,
+                    doubtful,
                     ..
                 } = state.tallies[camera];
                 let reason = match (stale + damaged, incomplete) {
+                    (0, 0) if doubtful > 0 => format!(
+                        "no image whose trigger is certain for {waited} s, of {doubtful} images \
+                         so far: keep the exposure constant, or lower rate_hz"
+                    ),
                     (0, 0) => format!("no image for {waited} s: is the camera still there?"),
                     (0, _) => format!(
                         "no whole image for {waited} s; so far {incomplete} had missing packets \
@@ -380,13 +390,22 @@ enum TimeSource {
         path: PathBuf,
         triggers: Arc<Triggers>,
         count: Count,
+        /// Number of images so far, usable or not, without those that were lost.
+        events: u64,
     },
 }
 
 impl TimeSource {
+    /// Notes an event of the camera.
+    fn note(&mut self, event: &CameraEvent) {
+        if let Self::Triggers { events, .. } = self {
+            *events += u64::from(!matches!(event, CameraEvent::Nothing));
+        }
+    }
+
     /// Returns the capture time of an image with this time stamp, µs, and counts what is wrong with
-    /// it. `None` for an image that is not used.
-    fn time_us(&mut self, at: Instant, shared: &Shared, index: usize) -> Option<u64> {
+    /// it. `None` for an image that is not used. The camera has lost `lost` images so far.
+    fn time_us(&mut self, at: Instant, lost: u64, shared: &Shared, index: usize) -> Option<u64> {
         let (path, place) = match self {
             Self::Stamps { zero } => {
                 // An image that was taken before the start has no time, and is stale.
@@ -399,38 +418,55 @@ impl TimeSource {
                 path,
                 triggers,
                 count,
-            } => (path, triggers.place(count, at)),
+                events,
+            } => (path, triggers.place(count, at, *events + lost)),
         };
         let mut state = shared.state();
         let tally = &mut state.tallies[index];
-        let (time_us, anomaly) = match place {
-            Place::Of {
-                number,
-                instant_us,
-                missed,
-            } => {
+        let reason = match place {
+            Place::Of { number, missed, .. } => {
                 tally.missed += u64::from(missed);
-                let first = number - missed;
-                let anomaly = match missed {
-                    0 => None,
-                    1 => Some(format!("no image of trigger {first}")),
-                    _ => Some(format!("no images of triggers {first} to {}", number - 1)),
-                };
-                (Some(instant_us), anomaly)
+                missed_images(number, missed)
+            }
+            Place::Miscounted { number, missed } => {
+                tally.missed += u64::from(missed);
+                tally.doubtful += 1;
+                let doubt = format!(
+                    "the image that fits trigger {number} is not used, because it may be of another"
+                );
+                let missed = missed_images(number, missed).into_iter();
+                Some(missed.chain([doubt]).collect::<Vec<_>>().join("; "))
             }
             Place::Doubled { number } => {
                 tally.doubled += 1;
-                (None, Some(format!("a second image of trigger {number}")))
+                Some(format!("a second image of trigger {number}"))
             }
-            Place::Before => (None, None),
+            Place::Doubtful => {
+                tally.doubtful += 1;
+                Some("an image whose trigger is not certain".to_owned())
+            }
+            Place::Before => None,
             Place::Unreported => {
                 tally.stale += 1;
-                (None, None)
+                None
             }
         };
-        let anomaly = anomaly.map(|reason| InputError::file(path, reason));
+        let anomaly = reason.map(|reason| InputError::file(path, reason));
         state.anomalies.extend(anomaly);
-        time_us
+        match place {
+            Place::Of { instant_us, .. } => Some(instant_us),
+            _ => None,
+        }
+    }
+}
+
+/// Returns the words for the images that are missing right before that of a trigger.
+fn missed_images(number: u32, missed: u32) -> Option<String> {
+    let first = number - missed;
+    match missed {
+        0 => None,
+        1 => Some(format!("no image of trigger {first}")),
+        _ => Some(format!("no images of triggers {first} to {}", number - 1)),
     }
 }
 
@@ -439,8 +475,11 @@ fn attend<C: Camera>(mut camera: C, index: usize, mut source: TimeSource, shared
     let mut is_lost = false;
     while !is_lost && !shared.ended.load(Relaxed) {
         let shot = camera.next_image();
+        if let Ok(event) = &shot {
+            source.note(event);
+        }
         let time_us = match &shot {
-            Ok(CameraEvent::Image(at, _)) => source.time_us(*at, shared, index),
+            Ok(CameraEvent::Image(at, _)) => source.time_us(*at, camera.lost(), shared, index),
             _ => None,
         };
         let mut state = shared.state();
