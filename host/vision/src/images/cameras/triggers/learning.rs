@@ -65,8 +65,8 @@ impl Reports {
         let widest_us = spans.iter().map(|span| span.width_us()).max().unwrap_or(0);
         if widest_us * SHARP > self.period_us {
             return Err(format!(
-                "cannot be told from its neighbours' times at this rate, because the line to the \
-                 station takes {:.1} ms: lower rate_hz",
+                "has images whose triggers are not certain at this rate, because a report takes \
+                 up to {:.1} ms: lower rate_hz",
                 widest_us as f64 * 1e-3
             ));
         }

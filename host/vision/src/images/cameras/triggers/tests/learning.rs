@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn delay_is_learnt_from_one_image_per_trigger_only() {
+fn delay_is_learnt_from_one_image_per_trigger() {
     let learnt = |images: &[(u32, i64)]| {
         let mut bench = Bench::new(33_333);
         (1..=3).for_each(|number| bench.report(number, 300));
