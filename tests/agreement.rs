@@ -49,7 +49,7 @@ fn recorded_life_is_eventful() {
             Report::Answer { outcome, .. } => {
                 *outcomes.entry(format!("{outcome:?}")).or_default() += 1;
             }
-            Report::Pong { .. } | Report::LastRun(_) => {}
+            Report::Pong { .. } | Report::LastRun(_) | Report::Triggered(_) => {}
         }
     }
     let last = last.expect("there was a status");

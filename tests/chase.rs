@@ -222,6 +222,7 @@ impl Chase {
             session: 1,
             reset_cause: ResetCause::PowerOn,
             last_run: LastRun::UNKNOWN,
+            camera_pin: None,
         };
         let mut stage = Stage {
             care: self.care.clone(),

@@ -162,6 +162,7 @@ fn switched_on(session: u32, reset_cause: ResetCause, last_run: LastRun) -> Stat
         session,
         reset_cause,
         last_run,
+        camera_pin: None,
     };
     Station::new(board, PORT, RING_WORDS as u32).expect("possible pins")
 }

@@ -22,6 +22,7 @@ pub const BOARD: Board = Board {
     session: 1,
     reset_cause: ResetCause::PowerOn,
     last_run: LastRun::UNKNOWN,
+    camera_pin: None,
 };
 
 /// Log and records of one life of the twin.

@@ -23,6 +23,7 @@ pub async fn run(session: u32, reset_cause: ResetCause, last_run: LastRun) {
             session,
             reset_cause,
             last_run,
+            camera_pin: board::CAMERA_PIN,
         })
     });
     let mut words_given: u64 = 0;
@@ -33,7 +34,8 @@ pub async fn run(session: u32, reset_cause: ResetCause, last_run: LastRun) {
             let queued = engine::words(engine::queued_us());
             words_emitted = words_given.saturating_sub(queued as u64).max(words_emitted);
         }
-        machine.sense(switches::inputs(words_emitted));
+        let trigger_losses = engine::trigger_losses();
+        machine.sense(switches::inputs(words_emitted, trigger_losses));
         while let Some(arrival) = link::received() {
             machine.take(arrival.at, arrival.outcome);
         }
@@ -43,7 +45,7 @@ pub async fn run(session: u32, reset_cause: ResetCause, last_run: LastRun) {
             Output::Segment(segment) => {
                 words_given = words_given.saturating_add(u64::from(segment.slots()) * 2);
                 // `poll` got the room of the engine, so the segment fits.
-                let _ = engine::give(segment, machine.inverted());
+                let _ = engine::give(segment, machine.inverted(), machine.camera_edges());
             }
             Output::Idle(until) => {
                 watch::alive(watch::Task::Control);

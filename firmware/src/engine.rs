@@ -44,7 +44,7 @@
 //! engine plays nothing more until the machine has detected it (words are not emitted), faulted,
 //! and come to rest.
 
-use crate::board::{GATE, Hardware, STEP_PINS, STEP_PORT, WORD_RATE};
+use crate::board::{CAMERA_PIN, GATE, Hardware, STEP_PINS, STEP_PORT, WORD_RATE};
 use crate::pins::{self, IDLE_WORD};
 use crate::watch;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering::Relaxed, fence};
@@ -55,7 +55,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::Instant;
 use trinocular_core::machine::SEGMENT_US;
-use trinocular_core::steps::{AxisMotion, Generator, Segment};
+use trinocular_core::steps::{AxisMotion, CameraEdges, CameraPin, Generator, Segment};
 
 /// Clock of TIM8, Hz: twice APB2.
 const TIMER_HZ: u32 = 168_000_000;
@@ -87,6 +87,10 @@ const _: () = assert!(RING <= 0xffff, "a stream counts to 65535");
 /// overtake.
 const MARGIN_US: u64 = 30;
 
+/// Time of a slot, µs.
+const SLOT_US: u64 = 1_000_000 / WORD_RATE.slots_per_s() as u64;
+const _: () = assert!(SLOT_US * WORD_RATE.slots_per_s() as u64 == 1_000_000);
+
 /// Last part of the wait at the start, with interrupts masked, µs.
 const UNDISTURBED_US: u64 = 10;
 
@@ -99,7 +103,8 @@ static WORDS: [AtomicU32; RING] = [const { AtomicU32::new(0) }; RING];
 /// Word that the eraser writes.
 static ERASED: AtomicU32 = AtomicU32::new(IDLE_WORD);
 
-static SEGMENTS: Channel<CriticalSectionRawMutex, (Segment, [bool; 3]), 2> = Channel::new();
+static SEGMENTS: Channel<CriticalSectionRawMutex, (Segment, [bool; 3], CameraEdges), 2> =
+    Channel::new();
 
 /// Instant at which the last planned word is emitted: low half of the station's clock, µs.
 static END: AtomicU32 = AtomicU32::new(0);
@@ -112,6 +117,12 @@ static ENGINE_FAULT: AtomicU8 = AtomicU8::new(0);
 static SUPPRESSED: AtomicBool = AtomicBool::new(false);
 
 static RESTART: AtomicBool = AtomicBool::new(false);
+
+/// Word that gives the camera pin its level at rest.
+static CAMERA_REST: AtomicU32 = AtomicU32::new(0);
+
+/// Number of times that planned triggers were lost.
+static TRIGGER_LOSSES: AtomicU32 = AtomicU32::new(0);
 
 /// Reason for which the engine plays nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -144,8 +155,13 @@ pub async fn run(_hardware: Hardware) {
     let Ok(generator) = Generator::new(STEP_PINS) else {
         panic!("board.rs: STEP and DIR pins")
     };
+    let camera = CAMERA_PIN.map(|pin| CameraPin::new(pin, &STEP_PINS));
+    let Ok(camera) = camera.transpose() else {
+        panic!("board.rs: camera pin")
+    };
     let mut engine = Engine {
         generator,
+        camera,
         began_us: 0,
         playing: Block::default(),
         next: 0,
@@ -153,19 +169,21 @@ pub async fn run(_hardware: Hardware) {
     };
     engine.start();
     loop {
-        let (segment, invert) = SEGMENTS.receive().await;
+        let (segment, invert, edges) = SEGMENTS.receive().await;
         // With the gate open the timer does not run, and each start would wait for it.
         if !pins::gate_is_open() && RESTART.swap(false, Relaxed) {
             note!("step engine: restart after {}", ENGINE_FAULT.load(Relaxed));
             engine.start();
         }
         engine.feed(&segment, invert);
+        engine.trigger(&edges);
         watch::alive(watch::Task::Step);
     }
 }
 
 struct Engine {
     generator: Generator,
+    camera: Option<CameraPin>,
     /// Instant at which block 0 began, µs.
     began_us: u64,
     /// Block that is being played.
@@ -213,6 +231,8 @@ impl Engine {
         pac::RCC.apb2enr().modify(|w| w.set_tim8en(true));
         pac::RCC.ahb1enr().modify(|w| w.set_dma2en(true));
         stop();
+        // Triggers that are still in the ring are lost.
+        lose_triggers();
         for word in &WORDS {
             word.store(IDLE_WORD, Relaxed);
         }
@@ -249,8 +269,10 @@ impl Engine {
         let now = Instant::now().as_micros();
         self.playing = self.playing.at(now);
         let playing = self.playing.number;
-        if ENGINE_FAULT.load(Relaxed) == 0 && !check(self.playing) {
+        let stands = ENGINE_FAULT.load(Relaxed) == EngineFault::Stream as u8;
+        if !stands && !check(self.playing) {
             stop();
+            lose_triggers();
             ENGINE_FAULT.store(EngineFault::Stream as u8, Relaxed);
         }
         let rest = segment.axes().iter().all(AxisMotion::is_rest);
@@ -297,6 +319,47 @@ impl Engine {
         self.publish();
     }
 
+    /// Writes the edges of the camera pin into the ring, at their place by time: where a segment
+    /// with motion was late, its block is another one.
+    ///
+    /// Only second words of slots have such edges, and nothing else, so that a fault of the motion
+    /// does not end the triggers.
+    fn trigger(&mut self, edges: &CameraEdges) {
+        let Some(camera) = self.camera else { return };
+        let (begin, end) = (camera.begin(edges.active_low), camera.end(edges.active_low));
+        CAMERA_REST.store(end, Relaxed);
+        for (slot, bits) in [(edges.end, end), (edges.begin, begin)] {
+            let Some(slot) = slot else { continue };
+            let at = edges.from.plus_micros(u64::from(slot) * SLOT_US);
+            let in_time = self.put(at.micros(), IDLE_WORD | bits);
+            if !in_time {
+                lose_triggers();
+            }
+            if !in_time && bits == end {
+                // The pulse has begun: it ends as soon as it can.
+                let soon = Instant::now().as_micros().saturating_add(2 * MARGIN_US);
+                self.put(soon, IDLE_WORD | bits);
+            }
+        }
+    }
+
+    /// Writes the second word of the slot at `at_us`. Returns false if it cannot be played then.
+    fn put(&self, at_us: u64, bits: u32) -> bool {
+        let soon = Instant::now().as_micros().saturating_add(MARGIN_US);
+        let ahead_us = at_us.saturating_sub(self.playing.at_us);
+        let far_us = SEGMENT_US * (BLOCKS - 1);
+        let stands = ENGINE_FAULT.load(Relaxed) == EngineFault::Stream as u8;
+        if stands || at_us <= soon || ahead_us >= far_us {
+            return false;
+        }
+        let word = words(ahead_us as u32) | 1;
+        let place = self.playing.place.saturating_add(word) % RING;
+        if let Some(place) = WORDS.get(place) {
+            place.store(bits, Relaxed);
+        }
+        true
+    }
+
     /// Erases the queue and plays nothing more until a restart.
     fn fail(&mut self, fault: EngineFault) {
         if ENGINE_FAULT.load(Relaxed) == 0 {
@@ -313,7 +376,19 @@ impl Engine {
 /// Stops the timer, and with it every edge. Callable from any context, also from a panic.
 pub fn stop() {
     pac::TIM8.cr1().modify(|w| w.set_cen(false));
-    STEP_PORT.bsrr().write(|w| w.0 = IDLE_WORD);
+    STEP_PORT
+        .bsrr()
+        .write(|w| w.0 = IDLE_WORD | CAMERA_REST.load(Relaxed));
+}
+
+/// Counts the triggers on their way as lost.
+fn lose_triggers() {
+    TRIGGER_LOSSES.fetch_add(1, Relaxed);
+}
+
+/// Returns the number of times that planned triggers were lost, modulo 2^32.
+pub fn trigger_losses() -> u32 {
+    TRIGGER_LOSSES.load(Relaxed)
 }
 
 /// Suppresses all motion at once, for the emergency stop. The machine sees the stop at its next
@@ -331,18 +406,19 @@ pub fn resume() {
     }
 }
 
-/// Overwrites the whole ring, beginning with the next word to be played.
+/// Overwrites the first word of every slot of the ring, beginning with the next one to be played.
+/// The second words lower STEP in any case, and may trigger cameras.
 fn erase() {
-    let next = RING.saturating_sub(usize::from(player().ndtr().read().ndt()));
+    let next = RING.saturating_sub(usize::from(player().ndtr().read().ndt())) & !1;
     let (played, ahead) = WORDS.split_at(next.min(RING));
-    for word in ahead.iter().chain(played) {
+    for word in ahead.iter().step_by(2).chain(played.iter().step_by(2)) {
         word.store(IDLE_WORD, Relaxed);
     }
 }
 
 /// Queues a segment. Returns false when it has no place, which [`room`] shows beforehand.
-pub fn give(segment: Segment, invert: [bool; 3]) -> bool {
-    SEGMENTS.try_send((segment, invert)).is_ok()
+pub fn give(segment: Segment, invert: [bool; 3], edges: CameraEdges) -> bool {
+    SEGMENTS.try_send((segment, invert, edges)).is_ok()
 }
 
 /// Returns the number of words that can be queued now.

@@ -1,6 +1,6 @@
 //! Output pins.
 
-use crate::board::{DRIVERS, GATE, LED, Line, STEP_PINS, STEP_PORT};
+use crate::board::{CAMERA_PIN, DRIVERS, GATE, LED, Line, STEP_PINS, STEP_PORT};
 use embassy_stm32::pac;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr, Pupdr};
 
@@ -15,8 +15,8 @@ const GATE_PIN: usize = 0;
 /// Alternate function of the gate's pin (data sheet, "Alternate function mapping").
 const TIM8_FUNCTION: u8 = 3;
 
-/// Configures STEP, DIR, the drivers' enable lines and the LED as outputs: STEP low, drivers off,
-/// LED off. Connects the gate's pin to the step timer.
+/// Configures STEP, DIR, the camera pin, the drivers' enable lines and the LED as outputs: STEP and
+/// camera low, drivers off, LED off. Connects the gate's pin to the step timer.
 pub fn prepare() {
     for line in DRIVERS.iter().chain([&LED]) {
         set(*line, false);
@@ -24,7 +24,8 @@ pub fn prepare() {
         output(*line, Ospeedr::LOW_SPEED);
     }
     STEP_PORT.bsrr().write(|w| w.0 = IDLE_WORD);
-    for pin in STEP_PINS.step.into_iter().chain(STEP_PINS.dir) {
+    let stepper = STEP_PINS.step.into_iter().chain(STEP_PINS.dir);
+    for pin in stepper.chain(CAMERA_PIN) {
         let line = Line {
             port: STEP_PORT,
             pin,

@@ -44,7 +44,7 @@ pub async fn changed() {
 }
 
 /// Returns the inputs for the machine.
-pub fn inputs(words_emitted: u64) -> Inputs {
+pub fn inputs(words_emitted: u64, trigger_losses: u32) -> Inputs {
     let open = OPEN.load(Relaxed);
     let limit = |number: u8| open & 1 << number != 0;
     Inputs {
@@ -56,6 +56,7 @@ pub fn inputs(words_emitted: u64) -> Inputs {
         emergency_stop: open & EMERGENCY_STOP != 0 || pins::gate_is_open(),
         driver_fault: open & DRIVER_FAULT != 0,
         words_emitted,
+        trigger_losses,
     }
 }
 

@@ -225,6 +225,9 @@ pub struct Inputs {
     pub driver_fault: bool,
     /// Number of port words emitted since the start.
     pub words_emitted: u64,
+    /// Number of times that the step engine could not give the cameras what was planned, modulo
+    /// 2^32: it was late, or its timer stopped. All triggers on their way then count as lost.
+    pub trigger_losses: u32,
 }
 
 #[cfg(test)]

@@ -35,7 +35,7 @@ fn assert_alone(modules: &[&str], needs: &[&str]) {
 
 #[test]
 fn motion_and_steps_stand_alone() {
-    assert_alone(&["motion", "steps"], &["fixed"]);
+    assert_alone(&["motion", "steps"], &["fixed", "time"]);
 }
 
 #[test]

@@ -62,6 +62,7 @@ fn desk_of(case: &Value) -> Desk {
             rig,
             stage,
             pivot: None,
+            trigger: None,
             capture: Vec::new(),
         }
         .to_toml(),
@@ -268,6 +269,7 @@ fn two_cameras_need_midpoint() {
         },
         stage: None,
         pivot: None,
+        trigger: None,
         capture: Vec::new(),
     };
     desk.write("rig.toml", two.to_toml());

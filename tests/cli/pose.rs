@@ -57,6 +57,7 @@ fn desk_of(case: &Value) -> Desk {
             rig,
             stage,
             pivot: None,
+            trigger: None,
             capture: Vec::new(),
         }
         .to_toml(),

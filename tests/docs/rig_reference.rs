@@ -108,7 +108,7 @@ fn complete_rig_file_is_accepted() {
 fn complete_rig_file_has_all_fields() {
     let text = complete_file(&Page::read(PAGE));
     let page = Page::read(PAGE);
-    for title in ["File", "Cameras", "Stage"] {
+    for title in ["File", "Cameras", "Stage", "Triggers"] {
         for field in documented(&page.section(title)) {
             let assigned = text.contains(&format!("\n{field} = "));
             let table = text.contains(&format!("[{field}]"));
@@ -128,6 +128,7 @@ fn rig_reference_lists_every_field() {
         ("File", "image_size_px"),
         ("Cameras", "[[camera]]"),
         ("Stage", "[stage]"),
+        ("Triggers", "[trigger]"),
     ] {
         let outcome = accepted(&with_line(after, "no_such_field = 1"));
         assert_eq!(outcome.code, Some(1), "{title}");

@@ -132,6 +132,14 @@ pub fn commands() -> Vec<(&'static str, Command)> {
             },
         ),
         ("motors", Command::Motors { on: true }),
+        (
+            "trigger",
+            Command::Trigger(Trigger {
+                rate_hz: 120,
+                pulse_us: 2_000,
+                active_low: true,
+            }),
+        ),
     ]
 }
 
@@ -213,5 +221,13 @@ pub fn reports() -> Vec<(&'static str, Report)> {
         ),
         ("last_run", Report::LastRun(last_run)),
         ("last_run unknown", Report::LastRun(LastRun::UNKNOWN)),
+        (
+            "triggered",
+            Report::Triggered(Triggered {
+                number: 70_000,
+                instant: Instant::from_micros(9_000_751),
+                lost: 3,
+            }),
+        ),
     ]
 }

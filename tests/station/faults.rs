@@ -10,6 +10,7 @@ const RELEASED: Inputs = Inputs {
     emergency_stop: false,
     driver_fault: false,
     words_emitted: 0,
+    trigger_losses: 0,
 };
 
 const PRESSED: Inputs = Inputs {

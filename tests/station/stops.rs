@@ -186,6 +186,7 @@ fn no_motion_before_first_ping() {
         session: 1,
         reset_cause: ResetCause::PowerOn,
         last_run: LastRun::UNKNOWN,
+        camera_pin: None,
     });
     let config = configuration(&default_stage(), Mounting::OnStage).unwrap();
     let commands = [Command::Hello, Command::Config(config), jog(1)];

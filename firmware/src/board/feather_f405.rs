@@ -20,6 +20,9 @@ pub const STEP_PINS: PortMap = PortMap {
     invert: [false; 3],
 };
 
+/// No camera pin, because STEP, DIR and the LED take all pins of the step port on the headers.
+pub const CAMERA_PIN: Option<u8> = None;
+
 /// No gate, because PA0 is not on the board's headers.
 pub const GATE: Option<Gate> = None;
 

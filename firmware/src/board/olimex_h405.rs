@@ -18,6 +18,9 @@ pub const STEP_PINS: PortMap = PortMap {
     invert: [false; 3],
 };
 
+/// Camera pin, PC8 of the step port.
+pub const CAMERA_PIN: Option<u8> = Some(8);
+
 /// Second contact of the emergency stop, between PA0 and 3.3 V, because the board's own push button
 /// has a pull-down at PA0. An open contact or a cut wire reads low.
 pub const GATE: Option<Gate> = Some(Gate { active_high: true });

@@ -56,6 +56,9 @@ pub const DRIVERS: &[Line] = &[
     },
 ];
 
+/// Camera pin, PD1: the enable pin of the empty socket marked Z.
+pub const CAMERA_PIN: Option<u8> = Some(1);
+
 /// Second contact of the emergency stop, between PA0 (header E1DET) and ground, like all others of
 /// this board. The high level means open.
 pub const GATE: Option<Gate> = Some(Gate { active_high: false });

@@ -82,6 +82,8 @@ const fn rig_field(setting: Setting) -> (&'static str, f64, bool) {
         Setting::LargestError => ("largest_error_mm", 1e3, false),
         Setting::LongestError => ("longest_error_s", 1e3, false),
         Setting::Unseen => ("largest_unseen_mm", 1e3, false),
+        Setting::TriggerRate => ("trigger.rate_hz", 1.0, false),
+        Setting::TriggerPulse => ("trigger.pulse_us", 1.0, false),
     }
 }
 

@@ -136,6 +136,8 @@ impl Client {
                 self.answered_tick = None;
             }
             Report::LastRun(last_run) => self.last_run = Some(last_run),
+            // An observer of the line takes them to the images.
+            Report::Triggered(_) => {}
             Report::Status(status) => {
                 self.motion.told(&status);
                 self.positions.add(&status);

@@ -251,7 +251,7 @@ pub const fn remedy(denial: Denial) -> Option<&'static str> {
             "`trinocular status` names the fault; remove its cause, then `trinocular reset`"
         }
         Denial::CauseRemains => "release the emergency stop, or see to the driver, then again",
-        Denial::Config(_) => "correct the [stage] of the rig file",
+        Denial::Config(_) => "correct the [stage] or the [trigger] of the rig file",
         Denial::LimitSwitch => "move the other way, off the switch",
         Denial::Dropped => "`trinocular reset` lets it move again, then send it anew",
         Denial::OutsideTravel { .. } => {
@@ -262,6 +262,10 @@ pub const fn remedy(denial: Denial) -> Option<&'static str> {
             "`trinocular status` names the fault; remove its cause, then `trinocular reset`"
         }
         Denial::MotorsOff => "`trinocular motors on` switches them on",
+        Denial::NoCameraPin => {
+            "remove [trigger] from the rig file, and let the cameras run freely; or use a board \
+             with a camera pin"
+        }
         Denial::Estimate(_)
         | Denial::CaptureInFuture
         | Denial::CaptureTooOld

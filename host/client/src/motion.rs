@@ -44,7 +44,8 @@ pub(super) fn moves(command: &Command) -> bool {
         | Command::Stop
         | Command::Reset
         | Command::Ping { .. }
-        | Command::Motors { .. } => false,
+        | Command::Motors { .. }
+        | Command::Trigger(_) => false,
     }
 }
 

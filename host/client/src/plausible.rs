@@ -102,6 +102,10 @@ pub(super) fn check(report: &Report, known: Known) -> Result<(), Implausible> {
             let range = -FARTHEST_TICKS..=FARTHEST_TICKS;
             within("answer.tick minus status.tick", apart, range)
         }
+        Report::Triggered(triggered) => {
+            uptime("triggered.instant", triggered.instant)?;
+            ahead("triggered.instant", triggered.instant, known)
+        }
         Report::LastRun(_) => Ok(()),
     }
 }

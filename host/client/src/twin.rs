@@ -40,6 +40,12 @@ pub const PORT: PortMap = PortMap {
     invert: [false; 3],
 };
 
+/// Camera pin of the twin's port.
+pub const CAMERA_PIN: u8 = 8;
+
+/// Largest number of exposures that wait to be taken.
+const EXPOSURES: usize = 1_000;
+
 /// Words that the twin's step engine queues ahead, as the board's ring does: half a millisecond at
 /// 1 MHz.
 pub const RING_WORDS: usize = 512;
@@ -61,12 +67,13 @@ pub fn board(name: &'static str) -> Board {
         session: 1,
         reset_cause: ResetCause::PowerOn,
         last_run: LastRun::UNKNOWN,
+        camera_pin: Some(CAMERA_PIN),
     }
 }
 
 /// Returns the station of a twin with this board, just switched on.
 pub fn emulated(board: Board) -> EmulatedStation {
-    EmulatedStation::new(board, PORT, RING_WORDS as u32).expect("six distinct pins below 16")
+    EmulatedStation::new(board, PORT, RING_WORDS as u32).expect("seven distinct pins below 16")
 }
 
 /// The emulated board and the stage at its pins.
@@ -82,6 +89,16 @@ struct Hardware {
     to_host: Vec<(Instant, Bytes)>,
     tape: Option<Tape>,
     observer: Option<Arc<dyn StationObserver>>,
+    exposures: VecDeque<Exposure>,
+}
+
+/// Trigger at the camera pin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposure {
+    /// Instant of the trigger on the station's clock.
+    pub at: Instant,
+    /// Position of the stage then, mm.
+    pub stage_mm: [f64; 3],
 }
 
 impl std::fmt::Debug for Hardware {
@@ -112,6 +129,7 @@ impl Hardware {
             to_host: Vec::new(),
             tape: None,
             observer: None,
+            exposures: VecDeque::new(),
         }
     }
 
@@ -163,12 +181,27 @@ impl Hardware {
     fn feed_plant(&mut self, now: Instant) {
         let due = now.micros() * u64::from(self.rate.hz()) / 1_000_000;
         let count = (due - self.plant.words()).min(self.ring.len() as u64) as usize;
+        let begins: u32 = match self.station.machine().camera_edges().active_low {
+            true => 1 << (CAMERA_PIN + 16),
+            false => 1 << CAMERA_PIN,
+        };
         let (front, back) = self.ring.as_slices();
-        if count <= front.len() {
-            self.plant.feed(&front[..count]);
-        } else {
-            self.plant.feed(front);
-            self.plant.feed(&back[..count - front.len()]);
+        let front = &front[..count.min(front.len())];
+        for mut words in [front, &back[..count - front.len()]] {
+            while let Some(at) = words.iter().position(|word| word & begins != 0) {
+                let (trigger, rest) = words.split_at(at + 1);
+                self.plant.feed(trigger);
+                if self.exposures.len() == EXPOSURES {
+                    self.exposures.pop_front();
+                }
+                let us = (self.plant.words() - 1) * 1_000_000 / u64::from(self.rate.hz());
+                self.exposures.push_back(Exposure {
+                    at: Instant::from_micros(us),
+                    stage_mm: self.plant.position_mm(),
+                });
+                words = rest;
+            }
+            self.plant.feed(words);
         }
         self.ring.drain(..count);
     }

@@ -16,6 +16,8 @@
 //! device = "genicam:GV01"               # and settings of the camera; optional, see `Capture`
 //!
 //! [stage]                               # optional; see `Stage`
+//!
+//! [trigger]                             # optional; see `Trigger`
 //! ```
 //!
 //! The rotation (axis times angle, OpenCV's rotation vector in degrees) takes directions along the
@@ -23,8 +25,8 @@
 //! need not be exactly parallel.
 //!
 //! Unknown, missing and impossible fields are refused with file, line and name of the field. Only
-//! distortion, rotations, pivot and the fields of [`Capture`] and [`Care`] have defaults, because a
-//! stage with a guessed rig may run away.
+//! distortion, rotations, pivot, the trigger's polarity and exposure, and the fields of [`Capture`]
+//! and [`Care`] have defaults, because a stage with a guessed rig may run away.
 //!
 //! *Invariant:* a `RigFile` from [`RigFile::read`] or [`RigFile::parse`] obeys every rule stated on
 //! its fields, and cameras named left, middle and right stand in this order.
@@ -50,11 +52,13 @@ mod lens;
 mod pivot;
 mod stage;
 pub mod template;
+mod trigger;
 
 pub use capture::Capture;
 pub use care::{Care, HomeSwitch};
 pub use lens::{NOT_A_LENS, can_undistort, focal_fault};
 pub use stage::{Driver, Stage, along_stage};
+pub use trigger::Trigger;
 
 /// Names of the paper's three cameras, in the order its estimators need.
 pub const TRINOCULAR: [&str; 3] = ["left", "middle", "right"];
@@ -129,6 +133,8 @@ pub struct RigFile {
     pub pivot: Option<Pivot>,
     /// Devices and their settings in the order of the cameras; empty if no camera has any.
     pub capture: Vec<Capture>,
+    /// Triggers of the cameras, if the station gives them.
+    pub trigger: Option<Trigger>,
 }
 
 impl RigFile {
@@ -140,6 +146,7 @@ impl RigFile {
             stage: None,
             pivot: None,
             capture: Vec::new(),
+            trigger: None,
         }
     }
 
@@ -195,7 +202,14 @@ impl RigFile {
         let table = DeTable::parse(text).map_err(|error| source.syntax(&error))?;
         let value = DeValue::Table(table.into_inner());
         let root = Field::root(source, &value);
-        root.only(&["image_size_px", "rotation", "pivot", "camera", "stage"])?;
+        root.only(&[
+            "image_size_px",
+            "rotation",
+            "pivot",
+            "camera",
+            "stage",
+            "trigger",
+        ])?;
         root.require(&[
             ("image_size_px", "image_size_px = [640, 480]"),
             ("camera", "[[camera]]"),
@@ -208,6 +222,10 @@ impl RigFile {
             Some(section) => Some(Stage::read(&section)?),
             None => None,
         };
+        let trigger = match root.optional("trigger")? {
+            Some(section) => Some(Trigger::read(&section)?),
+            None => None,
+        };
         Ok(Self {
             names,
             rig: Rig {
@@ -218,6 +236,7 @@ impl RigFile {
             stage,
             pivot: pivot::read(&root)?,
             capture,
+            trigger,
         })
     }
 
@@ -243,6 +262,9 @@ impl RigFile {
         }
         if let Some(stage) = &self.stage {
             stage.write_toml(&mut text);
+        }
+        if let Some(trigger) = &self.trigger {
+            trigger.write_toml(&mut text);
         }
         text
     }

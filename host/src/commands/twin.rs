@@ -30,7 +30,8 @@ use trinocular_vision::images::{Scene, Texture};
 ///
 /// Lines on standard input change what the station senses: `press` and `release` the emergency
 /// stop, `fault` and `clear` a motor driver, `unplug` and `plug` the line, `restart` the board;
-/// `where` prints the position of the stage by the edges at its pins, `quit` ends.
+/// `miss` and `double` the next image of the first camera; `where` prints the position of the stage
+/// by the edges at its pins, `quit` ends.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct TwinOptions {
@@ -53,6 +54,9 @@ pub struct TwinOptions {
 
     /// Simulate the rest of the bench, too: station A, which moves a poster along --path, and the
     /// rig file's cameras on the stage, for other programs to read with `--cameras twin`
+    ///
+    /// The cameras run freely at --fps until the station triggers them, as `[trigger]` in a rig
+    /// file asks, and again 2 s after its last trigger.
     #[arg(long, conflicts_with = "tcp")]
     with_target: bool,
 
@@ -109,7 +113,7 @@ pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
             port.end.write(&bytes);
         }
         if let Some(lab) = &mut lab {
-            lab.at(twin.now(), twin.position_mm());
+            lab.turn(&mut twin);
         }
         match console.order() {
             None => {}
@@ -123,6 +127,10 @@ pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
                 out.flush()?;
             }
             Some(Order::Restart) => twin.power_cycle(),
+            Some(Order::Disturb(disturbance)) => match &mut lab {
+                Some(lab) => lab.disturb(disturbance),
+                None => notice!("there are no cameras without --with-target"),
+            },
             Some(Order::Switches(change)) => twin.set_switches(change(twin.switches())),
             Some(Order::Unknown(line)) => notice!("`{line}` is unknown; {}", console::ORDERS),
         }
@@ -173,7 +181,11 @@ enum NoLab {}
 
 #[cfg(not(unix))]
 impl NoLab {
-    fn at(&mut self, _: std::time::Instant, _: [f64; 3]) {
+    fn turn(&mut self, _: &mut RealTimeTwin) {
+        match *self {}
+    }
+
+    fn disturb(&mut self, _: console::Disturbance) {
         match *self {}
     }
 }

@@ -35,6 +35,8 @@ pub enum CaptureClock {
         /// clocks of the host and run at the same rate.
         offset_us: i64,
     },
+    /// The station triggers the cameras, and the capture times are on its clock.
+    Station,
 }
 
 /// Frame sets from outside for a [workbench](super::workbench).
@@ -182,6 +184,7 @@ impl FrameSetServo {
             let taken = match self.clock {
                 CaptureClock::Virtual { .. } => self.station.now(),
                 CaptureClock::Real { offset_us } => self.real(capture.time_us, offset_us)?,
+                CaptureClock::Station => Instant::from_micros(capture.time_us),
             };
             self.servo.set_keyframe_time(taken);
             self.first_us = Some(capture.time_us);
@@ -194,6 +197,7 @@ impl FrameSetServo {
                 (taken, Some(taken.plus_micros(latency_us)))
             }
             CaptureClock::Real { offset_us } => (self.real(capture.time_us, offset_us)?, None),
+            CaptureClock::Station => (Instant::from_micros(capture.time_us), None),
         };
         let turn = self
             .servo

@@ -10,7 +10,7 @@
 //! * [`frame_sets`]: frame sets from outside: live cameras, recorded images, a folder that grows;
 //! * [`simulated`]: simulated cameras before the poster of a [`world`], which a [`path`] moves;
 //! * [`station_link`]: the station, in this process or on a serial line; [`serial_station`]: frames
-//!   for the latter;
+//!   for the latter; [`triggering`]: cameras that it triggers;
 //! * [`observer`]: what sees every turn of the loop and has no part in it: [`live`] shows it on a
 //!   page, [`recording`] records it;
 //! * [`workbench`]: the loop behind a live page, which also jogs, zeroes, homes and resets;
@@ -30,6 +30,7 @@ pub mod simulated;
 pub mod simulated_bench;
 pub mod station_link;
 pub mod stop_answer;
+pub mod triggering;
 pub mod visual_servo;
 pub mod workbench;
 pub mod world;

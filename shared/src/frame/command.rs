@@ -23,6 +23,7 @@ const PING: u32 = 8;
 const HOME: u32 = 9;
 const MOTORS: u32 = 10;
 const FRAME_MIDPOINT: u32 = 11;
+const TRIGGER: u32 = 12;
 
 /// Instants of a flow frame and one kind of sums, in this order.
 type Parts<S> = (Instant, Instant, S);
@@ -62,6 +63,9 @@ impl Serialize for Command {
             Self::Ping { host_us } => to.serialize_newtype_variant(NAME, PING, "Ping", host_us),
             Self::Home { axes } => to.serialize_newtype_variant(NAME, HOME, "Home", axes),
             Self::Motors { on } => to.serialize_newtype_variant(NAME, MOTORS, "Motors", on),
+            Self::Trigger(trigger) => {
+                to.serialize_newtype_variant(NAME, TRIGGER, "Trigger", trigger)
+            }
         }
     }
 }
@@ -128,6 +132,7 @@ fn with_fields<'de, V: VariantAccess<'de>>(number: u32, fields: V) -> Result<Com
         MOTORS => Command::Motors {
             on: fields.newtype_variant()?,
         },
+        TRIGGER => Command::Trigger(fields.newtype_variant()?),
         _ => return Err(V::Error::custom("no such command")),
     })
 }

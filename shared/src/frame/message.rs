@@ -10,9 +10,11 @@ use serde::{Deserialize, Serialize};
 
 mod configuration;
 mod denial;
+mod trigger;
 
 pub use configuration::{Config, HomeSwitch, MATRIX_BITS, Mounting, Side, StageConfig};
 pub use denial::{ConfigField, Denial, Setting};
+pub use trigger::{Trigger, Triggered};
 
 /// Message from the host to the station.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -73,6 +75,9 @@ pub enum Command {
         /// True switches the motors on.
         on: bool,
     },
+    /// Starts the triggers of cameras anew, with the number 1, or ends them. Possible in any state,
+    /// with or without a configuration.
+    Trigger(Trigger),
 }
 
 /// Flow frame: the target's flow since the keyframe, as the cameras on the stage saw it.
@@ -127,6 +132,8 @@ pub enum Report {
     /// Record of the run before the present start, sent after every hello. A message of its own, so
     /// that hosts of any version can read the hello.
     LastRun(LastRun),
+    /// A trigger that the cameras got.
+    Triggered(Triggered),
 }
 
 /// Identity of the station.

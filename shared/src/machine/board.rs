@@ -19,6 +19,7 @@ use crate::steps::WordRate;
 ///     session: 1,
 ///     reset_cause: ResetCause::PowerOn,
 ///     last_run: LastRun::UNKNOWN,
+///     camera_pin: None,
 /// });
 /// // The shell polls with its own time and the room in its ring of port words.
 /// let Output::Segment(pause) = machine.poll(Instant::from_micros(0), 1_000) else { panic!() };
@@ -43,4 +44,6 @@ pub struct Board {
     pub reset_cause: ResetCause,
     /// Record of the run before that start.
     pub last_run: LastRun,
+    /// Pin of the step port that triggers cameras, 0 to 15; `None` if the board has none.
+    pub camera_pin: Option<u8>,
 }

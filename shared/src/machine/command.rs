@@ -31,6 +31,7 @@ impl Machine {
             Command::Reset => self.reset(),
             Command::Home { axes } => self.home(*axes),
             Command::Motors { on } => self.switch_motors(*on),
+            Command::Trigger(trigger) => self.start_triggers(trigger),
             // Handled on arrival.
             Command::Hello | Command::Stop | Command::Ping { .. } => Ok(()),
         }

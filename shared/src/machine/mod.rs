@@ -30,6 +30,7 @@ mod inbox;
 mod motors;
 mod moves;
 mod outbox;
+mod triggers;
 mod window;
 
 use crate::frame::encode::{Bytes, encode};
@@ -37,7 +38,7 @@ use crate::frame::message::{Command, Denial, Drops, End, EstimateReport, Packet,
 use crate::frame::receive::{Receiver, Reject};
 use crate::motion::Planner;
 use crate::safety::{Fault, Faults, Inputs, State, Trust};
-use crate::steps::{Position, Segment};
+use crate::steps::{CameraEdges, Position, Segment};
 use crate::time::Instant;
 use crate::track::history::History;
 use crate::track::{StepVector, Tracker};
@@ -46,6 +47,7 @@ use conversation::stamped;
 use homing::Homing;
 use inbox::Inbox;
 use outbox::Outbox;
+use triggers::Triggers;
 use window::Window;
 
 pub use active::{check, limit_field};
@@ -103,6 +105,7 @@ struct LatchedInputs {
 ///     session: 1,
 ///     reset_cause: ResetCause::PowerOn,
 ///     last_run: LastRun::UNKNOWN,
+///     camera_pin: None,
 /// });
 /// // The shell passes bytes on as they come, and sends what `poll` returns.
 /// let hello = encode(&Packet { sequence: 1, command: Command::Hello })?;
@@ -167,6 +170,7 @@ pub struct Machine {
     frames_refused: u32,
     drops: Drops,
     estimate: Option<EstimateReport>,
+    triggers: Triggers,
 }
 
 impl Machine {
@@ -213,6 +217,7 @@ impl Machine {
             frames_refused: 0,
             drops: Drops::default(),
             estimate: None,
+            triggers: Triggers::default(),
         }
     }
 
@@ -272,6 +277,7 @@ impl Machine {
             self.control();
             self.emitted_segments = 0;
         }
+        self.plan_triggers(self.due());
         self.emitted_segments += 1;
         self.words_planned = self.words_planned.saturating_add(words as u64);
         let segment = self.next_segment();
@@ -309,6 +315,16 @@ impl Machine {
         self.active.as_ref().map_or([false; 3], |active| {
             active.config.axes.map(|axis| axis.invert)
         })
+    }
+
+    /// Returns true while the cameras are triggered.
+    pub fn is_triggering(&self) -> bool {
+        self.triggers.are_on()
+    }
+
+    /// Returns the edges of the camera pin in the segment that [`Machine::poll`] handed out last.
+    pub fn camera_edges(&self) -> CameraEdges {
+        self.triggers.edges()
     }
 
     /// Returns the planned position of the stage, 2⁻³² steps from zero.
@@ -388,6 +404,7 @@ impl Machine {
         self.go_on_homing();
         self.settle();
         self.rest_motors();
+        self.report_triggers();
         let changed = before != (self.state, self.faults, self.motors);
         let unread = !self.faults.is_within(self.reported_faults);
         let due = self.tick.saturating_sub(self.last_status_tick) >= STATUS_TICKS;

@@ -5,7 +5,7 @@
 //! burst of hellos or pings within a tick, reports without room are counted.
 
 use super::inbox::{COMMANDS, DROPPED, STOPS};
-use crate::frame::message::{Outcome, Report, Status};
+use crate::frame::message::{Outcome, Report, Status, Triggered};
 use heapless::Deque;
 
 /// Largest number of answers of one control tick.
@@ -13,6 +13,9 @@ const ANSWERS: usize = COMMANDS + DROPPED + STOPS;
 
 /// Largest number of other reports in the queue: hello, the last run, pongs.
 const REPORTS: usize = 8;
+
+/// Largest number of triggers in the queue: those of eight control ticks at the highest rate.
+const TRIGGERS: usize = 8;
 
 /// Answer to one command.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +30,7 @@ pub(super) struct Answer {
 pub(super) struct Outbox {
     reports: Deque<Report, REPORTS>,
     answers: Deque<Answer, ANSWERS>,
+    triggers: Deque<Triggered, TRIGGERS>,
     status: Option<Status>,
 }
 
@@ -46,13 +50,23 @@ impl Outbox {
         self.answers.push_back(answer).map_err(|_| Full)
     }
 
+    /// Queues a trigger.
+    pub fn triggered(&mut self, triggered: Triggered) -> Result<(), Full> {
+        self.triggers.push_back(triggered).map_err(|_| Full)
+    }
+
+    /// Drops the triggers in the queue, because they are counted anew.
+    pub fn forget_triggers(&mut self) {
+        self.triggers.clear();
+    }
+
     /// Queues a status, which replaces one that was not sent yet.
     pub fn status(&mut self, status: Status) {
         self.status = Some(status);
     }
 
-    /// Takes the next report to send: replies to hello and ping first, then answers, then the
-    /// status that shows their effect.
+    /// Takes the next report to send: replies to hello and ping first, then answers, then triggers,
+    /// then the status.
     pub fn next(&mut self) -> Option<Report> {
         if let Some(report) = self.reports.pop_front() {
             return Some(report);
@@ -63,6 +77,9 @@ impl Outbox {
                 tick: answer.tick,
                 outcome: answer.outcome,
             });
+        }
+        if let Some(triggered) = self.triggers.pop_front() {
+            return Some(Report::Triggered(triggered));
         }
         self.status.take().map(Report::Status)
     }

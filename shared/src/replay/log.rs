@@ -115,6 +115,7 @@ fn inputs(bits: u8) -> Inputs {
         emergency_stop: on(6),
         driver_fault: on(7),
         words_emitted: 0,
+        trigger_losses: 0,
     }
 }
 

@@ -2,7 +2,7 @@ use super::log::{Entry, Log, LogFault};
 use crate::frame::encode::Bytes;
 use crate::machine::{Board, Machine, Output};
 use crate::safety::Inputs;
-use crate::steps::{Generator, LoadFault, PortFault, PortMap, Segment, WordRate};
+use crate::steps::{CameraPin, Generator, LoadFault, PortFault, PortMap, Segment, WordRate};
 use crate::time::Instant;
 
 /// Next action of a [`Station`].
@@ -38,6 +38,7 @@ pub enum Event {
 ///     session: 1,
 ///     reset_cause: ResetCause::PowerOn,
 ///     last_run: LastRun::UNKNOWN,
+///     camera_pin: None,
 /// };
 /// let map = PortMap { step: [0, 1, 2], dir: [3, 4, 5], invert: [false; 3] };
 /// let mut station = Station::new(board, map, 512)?;
@@ -54,6 +55,7 @@ pub enum Event {
 pub struct Station {
     machine: Machine,
     generator: Generator,
+    camera: Option<CameraPin>,
     rate: WordRate,
     /// Words that the step engine holds at the start, all zero: its delay.
     ring_words: u64,
@@ -73,9 +75,11 @@ impl Station {
     /// [`PortFault`] if the port lacks a pin or two signals share one.
     pub fn new(board: Board, map: PortMap, ring_words: u32) -> Result<Self, PortFault> {
         let rate = board.word_rate;
+        let camera = board.camera_pin.map(|pin| CameraPin::new(pin, &map));
         Ok(Self {
             machine: Machine::new(board),
             generator: Generator::new(map)?,
+            camera: camera.transpose()?,
             rate,
             ring_words: u64::from(ring_words),
             words_made: 0,
@@ -134,6 +138,9 @@ impl Station {
                     return Event::Refused(fault);
                 }
                 let filled = self.generator.fill(words);
+                if let (Some(pin), Some(words)) = (self.camera, words.get_mut(..filled)) {
+                    pin.mark(&self.machine.camera_edges(), words);
+                }
                 self.words_made = self.words_made.saturating_add(filled as u64);
                 Event::Segment(segment, filled)
             }

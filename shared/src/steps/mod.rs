@@ -39,13 +39,21 @@
 //! start slowly enough for the two increments together to stay below one step, and must have at
 //! least two slots; so at the segment's end the floor law holds again. An axis at rest leaves DIR
 //! alone.
+//!
+//! # Cameras
+//!
+//! A further pin of the port can trigger cameras ([`CameraPin`]). Its edges lie in the second words
+//! of slots, which raise no STEP and change no DIR: with and without triggers the edges of all
+//! other pins are the same.
 
+mod camera;
 mod generator;
 mod port_map;
 mod position;
 mod segment;
 mod timing;
 
+pub use camera::{CameraEdges, CameraPin};
 pub use generator::{Generator, LoadFault};
 pub use port_map::{PortFault, PortMap};
 pub use position::Position;

@@ -7,10 +7,10 @@
 
 use crate::station::{Sent, Station};
 use crate::time::{Beats, MS, US};
-use crate::wiring::{STEPPER_MASK, STEPPERS};
-use trinocular_core::frame::message::{Command, Report};
+use crate::wiring::{CAMERA_PIN, STEPPER_MASK, STEPPERS};
+use trinocular_core::frame::message::{Command, Report, Triggered};
 use trinocular_core::frame::receive::Receiver;
-use trinocular_core::machine::{Board, TICK_US};
+use trinocular_core::machine::{Board, SEGMENT_US, TICK_US};
 use trinocular_core::replay::{Entry, Event, Log, Replay, Station as Machine, Trace, Writer};
 use trinocular_core::steps::WordRate;
 use trinocular_core::time::Instant;
@@ -19,7 +19,8 @@ use trinocular_core::time::Instant;
 #[derive(Debug, Default)]
 struct Expected {
     /// Reports of the twin.
-    reports: Vec<Report>,
+    /// Instants, µs of the station's clock, and reports.
+    reports: Vec<(u64, Report)>,
     /// Edges of its pins: µs of the station's clock, and the levels afterwards.
     edges: Vec<(u64, u16)>,
 }
@@ -64,10 +65,18 @@ fn effect_us(reports: &[(Beats, Report)], sent: &Sent) -> Option<(u64, u64)> {
             }
             (Report::Answer { tick, .. }, _) => said_us = u64::from(*tick) * TICK_US + 1,
             (Report::Status(status), _) => said_us = status.time.micros() + 1,
+            (Report::Triggered(triggered), _) => said_us = trigger_tick_us(triggered) + 1,
             _ => {}
         }
     }
     None
+}
+
+/// Returns the moment of the control tick that reports a trigger: the first one by which the step
+/// engine has certainly played it.
+fn trigger_tick_us(triggered: &Triggered) -> u64 {
+    let certain_us = triggered.instant.micros() + 2 * SEGMENT_US;
+    certain_us.next_multiple_of(TICK_US)
 }
 
 /// Runs the twin with the board's inputs, up to `end_us` of the station's clock.
@@ -86,6 +95,7 @@ fn expected(station: &mut Station, end_us: u64) -> Expected {
         session: hello.session,
         reset_cause: hello.reset_cause,
         last_run: *last_run,
+        camera_pin: Some(CAMERA_PIN),
     };
     let delay_us = hello.delay_us;
     let log = log(station, end_us);
@@ -94,19 +104,25 @@ fn expected(station: &mut Station, end_us: u64) -> Expected {
     let mut trace = Trace::new(STEPPERS);
     let mut words = [0; 2 * WordRate::MHZ_1.slots_per_segment() as usize];
     let mut expected = Expected::default();
+    let mut before = 0;
     let mut receiver = Receiver::<Report>::default();
     while let Some((at, event)) = replay.step(&mut words).expect("a whole log") {
         match event {
             Event::Sent(bytes) => {
                 let report = receiver.next(&mut &bytes[..]);
                 let report = report.expect("a whole packet").expect("a sound packet");
-                expected.reports.push(report);
+                expected.reports.push((at.micros(), report));
             }
             Event::Segment(plan, filled) => {
                 let first = at.micros() + u64::from(delay_us);
                 trace.digest(&plan, &words[..filled], |edge| {
                     let at = first + u64::from(edge.word);
-                    expected.edges.push((at, edge.pins & STEPPER_MASK));
+                    let levels = edge.pins & STEPPER_MASK;
+                    // The camera pin changes without them.
+                    if levels != before {
+                        expected.edges.push((at, levels));
+                    }
+                    before = levels;
                 });
             }
             Event::Refused(fault) => panic!("at {at:?}: {fault}"),
@@ -155,6 +171,9 @@ fn pongs_are_prompt(station: &mut Station) {
     }
 }
 
+/// Longest time from a control tick to the end of its report on the line, µs.
+const ON_THE_LINE_US: u64 = 3_000;
+
 /// Checks that the twin reports and does the same as the board with the same inputs. Returns the
 /// numbers of reports and edges.
 ///
@@ -175,9 +194,10 @@ pub fn agreement(station: &mut Station) -> (usize, usize) {
         .map(|(_, report)| comparable(report))
         .collect();
     // Reports before the first hello go nowhere.
-    let unheard = |report: &&Report| !matches!(report, Report::Hello(_));
+    let unheard = |(_, report): &&(u64, Report)| !matches!(report, Report::Hello(_));
     let heard = expected.reports.iter().skip_while(unheard);
-    let should: Vec<Report> = heard.map(comparable).collect();
+    let (due_us, should): (Vec<u64>, Vec<Report>) =
+        heard.map(|(at, report)| (*at, comparable(report))).unzip();
     let differ = said.iter().zip(&should).position(|(a, b)| a != b);
     if let Some(at) = differ {
         panic!(
@@ -185,7 +205,15 @@ pub fn agreement(station: &mut Station) -> (usize, usize) {
             said[at], should[at]
         );
     }
-    assert_eq!(said.len(), should.len(), "reports");
+    // The last reports may still be on the line.
+    let missing = due_us.get(said.len()..).expect("no report is left over");
+    let on_the_line_us = end_us.saturating_sub(ON_THE_LINE_US);
+    assert!(
+        missing.iter().all(|due_us| *due_us > on_the_line_us),
+        "{} of {} reports: {missing:?} of {end_us} µs",
+        said.len(),
+        should.len()
+    );
 
     let edges = station.edges();
     let levels = |edges: &[(u64, u16)]| edges.iter().map(|(_, levels)| *levels).collect::<Vec<_>>();

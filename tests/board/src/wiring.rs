@@ -23,6 +23,9 @@ pub const STEPPERS: PortMap = PortMap {
 /// The pins of [`STEPPERS`].
 pub const STEPPER_MASK: u16 = 0b1100_1111;
 
+/// Camera pin, on port C.
+pub const CAMERA_PIN: u8 = 8;
+
 /// Limit switches, negative and positive end of each axis: closed to ground in the normal state.
 pub const LIMITS: [[Pin; 2]; 3] = [[(A, 4), (A, 5)], [(A, 6), (A, 7)], [(B, 8), (B, 9)]];
 

@@ -121,10 +121,12 @@ fn pins_match_the_wiring_table() {
     board.chip(|chip| {
         let ports = &chip.fabric.ports;
         let steppers = wiring::STEPPERS;
-        for pin in steppers.step.into_iter().chain(steppers.dir) {
+        let outputs = steppers.step.into_iter().chain(steppers.dir);
+        for pin in outputs.chain([wiring::CAMERA_PIN]) {
             assert_eq!(ports[C].mode(pin.into()), 1, "PC{pin} is an output");
         }
-        assert_eq!(ports[C].levels() & wiring::STEPPER_MASK, 0);
+        let low = wiring::STEPPER_MASK | 1 << wiring::CAMERA_PIN;
+        assert_eq!(ports[C].levels() & low, 0);
         for (port, pin) in wiring::LIMITS
             .into_iter()
             .flatten()

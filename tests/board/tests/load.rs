@@ -13,7 +13,7 @@ use station_board::station::Station;
 use station_board::time::{MS, US};
 use std::fmt::Write as _;
 use std::path::Path;
-use trinocular_core::frame::message::Command;
+use trinocular_core::frame::message::{Command, Trigger};
 use trinocular_rig::rig_file::Driver;
 
 /// Largest share of time that the processor may be busy while following 200 frames per second with
@@ -44,14 +44,15 @@ fn load(station: &mut Station, act: impl FnOnce(&mut Station)) -> Load {
     }
 }
 
-const NAMES: [&str; 4] = [
+const NAMES: [&str; 5] = [
     "not configured",
     "at rest",
     "jog of three axes at full speed",
     "following 200 frames per second over the UART",
+    "the same, with 200 triggers per second",
 ];
 
-fn loads(flash_waits: bool) -> [Load; 4] {
+fn loads(flash_waits: bool) -> [Load; 5] {
     let make = Make {
         flash_waits,
         ..Make::default()
@@ -71,7 +72,25 @@ fn loads(flash_waits: bool) -> [Load; 4] {
     station.run(300 * MS);
     // However long each instruction takes, the reports and edges are the same.
     agreement(&mut station);
-    [unconfigured, rest, moving, following]
+    let triggering = triggering(make);
+    [unconfigured, rest, moving, following, triggering]
+}
+
+/// Returns the load of a station that follows and triggers the cameras.
+fn triggering(make: Make) -> Load {
+    let mut station = Station::power_on(&Image::firmware(), make);
+    station.run(20 * MS);
+    station.greet();
+    station.set_up(Driver::Tmc2209);
+    let trigger = Command::Trigger(Trigger {
+        rate_hz: 200,
+        pulse_us: 1_000,
+        active_low: false,
+    });
+    assert_eq!(station.command(trigger), Ok(()));
+    let load = load(&mut station, |station| scene::follow(station, 200));
+    agreement(&mut station);
+    load
 }
 
 /// Text before the rows of the table.
@@ -91,7 +110,7 @@ REGENERATE=1 cargo test --manifest-path tests/board/Cargo.toml --test load
 |---|---:|---:|---:|
 ";
 
-fn table(without: &[Load; 4], with: &[Load; 4]) -> String {
+fn table(without: &[Load; 5], with: &[Load; 5]) -> String {
     let mut text = String::from(HEAD);
     for ((name, without), with) in NAMES.iter().zip(without).zip(with) {
         let percent = |load: &Load| 100.0 * load.busy;
@@ -115,9 +134,10 @@ fn following_leaves_spare_load() {
     if std::env::var_os("REGENERATE").is_some() {
         std::fs::write(&file, &text).expect("LOADS.md can be written");
     }
-    let [_, _, moving, following] = with;
+    let [_, _, moving, following, triggering] = with;
     assert!(following.busy <= LARGEST_LOAD, "{:.3}", following.busy);
     assert!(moving.busy <= LARGEST_LOAD, "{:.3}", moving.busy);
+    assert!(triggering.busy <= LARGEST_LOAD, "{:.3}", triggering.busy);
     for (without, with) in without.iter().zip(&with) {
         assert!(without.busy < with.busy, "waits cost something");
     }

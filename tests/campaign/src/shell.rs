@@ -60,6 +60,7 @@ impl Shell {
             session: 1,
             reset_cause: ResetCause::PowerOn,
             last_run: LastRun::UNKNOWN,
+            camera_pin: Some(8),
         };
         Self {
             machine: Machine::new(board),

@@ -4,7 +4,7 @@
 use arbitrary::Arbitrary;
 use trinocular_core::estimate::Gate;
 use trinocular_core::frame::message::{
-    Command, Config, Frame, HomeSwitch, MATRIX_BITS, Mounting, Side, StageConfig, Sums,
+    Command, Config, Frame, HomeSwitch, MATRIX_BITS, Mounting, Side, StageConfig, Sums, Trigger,
 };
 use trinocular_core::motion::AxisConfig;
 use trinocular_core::steps::DriverTiming;
@@ -40,6 +40,8 @@ pub enum Order {
     Home([bool; 3]),
     /// Motors on or off.
     Motors(bool),
+    /// Triggers of cameras.
+    Trigger(u16, u32, bool),
 }
 
 /// Configuration. `None` stands for a usual value.
@@ -121,6 +123,11 @@ impl Order {
             Self::Ping(host_us) => Command::Ping { host_us },
             Self::Home(axes) => Command::Home { axes },
             Self::Motors(on) => Command::Motors { on },
+            Self::Trigger(rate_hz, pulse_us, active_low) => Command::Trigger(Trigger {
+                rate_hz,
+                pulse_us,
+                active_low,
+            }),
         }
     }
 }

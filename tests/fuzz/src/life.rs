@@ -72,6 +72,7 @@ pub fn live(start: Start, events: &[Event]) {
         session: 1,
         reset_cause: ResetCause::PowerOn,
         last_run: LastRun::UNKNOWN,
+        camera_pin: Some(8),
     };
     let mut life = Life {
         station: Station::new(board, MAP, RING_WORDS).expect("the pins are possible"),
@@ -124,6 +125,7 @@ impl Life {
                     driver_fault: bit(6),
                     emergency_stop: bit(7),
                     words_emitted: 0,
+                    trigger_losses: 0,
                 });
             }
         }

@@ -26,4 +26,5 @@ pub const BOARD: Board = Board {
     session: 1,
     reset_cause: ResetCause::PowerOn,
     last_run: LastRun::UNKNOWN,
+    camera_pin: Some(8),
 };

@@ -91,6 +91,10 @@ pub fn in_words(command: &Command) -> Option<String> {
         }
         Command::Motors { on: true } => "motors on".to_owned(),
         Command::Motors { on: false } => "motors off".to_owned(),
+        Command::Trigger(trigger) => match trigger.rate_hz {
+            0 => "triggers of the cameras off".to_owned(),
+            rate_hz => format!("triggers of the cameras at {rate_hz} Hz"),
+        },
     };
     Some(words)
 }

@@ -107,7 +107,11 @@ impl Serial {
 fn repetition(command: &Command, before: Option<&Status>) -> Repetition {
     match (command, before) {
         (
-            Command::Config(_) | Command::Zero | Command::Setpoint { .. } | Command::Motors { .. },
+            Command::Config(_)
+            | Command::Zero
+            | Command::Setpoint { .. }
+            | Command::Motors { .. }
+            | Command::Trigger(_),
             _,
         ) => Repetition::Always,
         (Command::Reset, Some(before)) => Repetition::While(before.state, before.fault),

@@ -1,7 +1,7 @@
 //! A simulated station in real time: the board's own code on this computer's clock, with a
 //! simulated stage on rails at its pins, switches at the rails' ends, and a button.
 
-use super::Hardware;
+use super::{Exposure, Hardware};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use trinocular_core::frame::message::Side;
 use trinocular_core::safety::Inputs;
@@ -37,6 +37,19 @@ pub struct RealTimeTwin {
     switches: Switches,
     session: u32,
     last: Instant,
+    /// Time that has passed for the station since it was first switched on.
+    passed: Duration,
+}
+
+/// Images that a station has triggered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Triggered {
+    /// Instant of this computer.
+    pub at: Instant,
+    /// [`RealTimeTwin::passed`] then.
+    pub passed: Duration,
+    /// Position of the stage then, mm.
+    pub stage_mm: [f64; 3],
 }
 
 impl RealTimeTwin {
@@ -60,16 +73,14 @@ impl RealTimeTwin {
             switches: Switches::default(),
             session,
             last: Instant::now(),
+            passed: Duration::ZERO,
         }
     }
 
-    /// Takes the bytes that have arrived, lets the time since the last call pass, and returns the
+    /// Lets the time since the last call pass, takes the bytes that have arrived, and returns the
     /// bytes for the host. Call it every millisecond or two.
     pub fn turn(&mut self, received: &[u8]) -> Vec<u8> {
         let hardware = &mut self.hardware;
-        if !received.is_empty() {
-            hardware.receive(received);
-        }
         let steps = hardware.plant.steps();
         hardware.set_switches(Inputs {
             limits: std::array::from_fn(|axis| {
@@ -79,6 +90,7 @@ impl RealTimeTwin {
             emergency_stop: self.switches.emergency_stop,
             driver_fault: self.switches.driver_fault,
             words_emitted: 0,
+            trigger_losses: 0,
         });
         // Whole microseconds pass, and the rest counts in the next turn: the clock keeps its rate.
         let now = Instant::now();
@@ -90,6 +102,11 @@ impl RealTimeTwin {
         };
         let end_us = hardware.station.now().micros() + passed_us;
         hardware.run_until(StationInstant::from_micros(end_us));
+        self.passed += Duration::from_micros(passed_us);
+        // No earlier: they may have been sent a moment ago.
+        if !received.is_empty() {
+            hardware.receive(received);
+        }
         let packets = hardware.to_host.drain(..);
         packets.flat_map(|(_, bytes)| bytes).collect()
     }
@@ -97,6 +114,33 @@ impl RealTimeTwin {
     /// Returns the instant up to which time has passed for the station.
     pub fn now(&self) -> Instant {
         self.last
+    }
+
+    /// Returns the time that has passed for the station since it was first switched on. It stands
+    /// still while this computer is busy.
+    pub fn passed(&self) -> Duration {
+        self.passed
+    }
+
+    /// Returns true while the station triggers the cameras.
+    pub fn is_triggering(&self) -> bool {
+        self.hardware.station.machine().is_triggering()
+    }
+
+    /// Takes the triggers since the last call.
+    pub fn exposures(&mut self) -> Vec<Triggered> {
+        let (now, passed, station) = (self.last, self.passed, self.hardware.station.now());
+        let exposures = self.hardware.exposures.drain(..);
+        exposures
+            .map(|Exposure { at, stage_mm }| {
+                let ago = Duration::from_micros(station.since(at));
+                Triggered {
+                    at: now.checked_sub(ago).unwrap_or(now),
+                    passed: passed.saturating_sub(ago),
+                    stage_mm,
+                }
+            })
+            .collect()
     }
 
     /// Returns the state of the switches.

@@ -532,3 +532,51 @@ fn impossible_pivots_are_refused() {
         assert!(error.reason.contains(reason), "{error}");
     }
 }
+
+#[test]
+fn trigger_is_read_and_written() {
+    let trigger = "[trigger]\nrate_hz = 50\npulse_us = 500\n";
+    let mut rig = parse(&(paper_text() + trigger)).unwrap();
+    let read = Trigger {
+        rate_hz: 50,
+        pulse_us: 500,
+        active_low: false,
+        exposure_us: 0,
+    };
+    assert_eq!(rig.trigger, Some(read));
+    rig.trigger = Some(Trigger {
+        rate_hz: 1_000,
+        pulse_us: 750,
+        active_low: true,
+        exposure_us: 1_000,
+    });
+    assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+}
+
+#[test]
+fn impossible_triggers_are_named() {
+    let bad = [
+        ("rate_hz = 0", "rate_hz"),
+        ("rate_hz = 1001", "rate_hz"),
+        ("rate_hz = 59.94", "rate_hz"),
+        ("pulse_us = 9", "pulse_us"),
+        ("pulse_us = 9751", "pulse_us"),
+        ("active_low = 1", "active_low"),
+        ("exposure_us = 10001", "exposure_us"),
+        ("width_us = 5", "width_us"),
+    ];
+    for (line, field) in bad {
+        let key = line.split(' ').next().unwrap();
+        let lines = ["rate_hz = 100", "pulse_us = 2000", line].into_iter();
+        // The line replaces the one of the same field.
+        let others = lines.filter(|other| *other == line || !other.starts_with(key));
+        let text = paper_text() + "[trigger]\n" + &others.collect::<Vec<_>>().join("\n");
+        let error = parse(&text).expect_err(line);
+        let named = format!("trigger.{field}");
+        let says = error.to_string();
+        assert!(says.contains(&named) || says.contains(field), "{says}");
+        assert!(error.line.is_some(), "{says}");
+    }
+    let text = paper_text() + "[trigger]\nrate_hz = 100\n";
+    assert!(parse(&text).unwrap_err().to_string().contains("pulse_us"));
+}

@@ -17,10 +17,11 @@ use trinocular::servo::ServoError;
 use trinocular::servo::frame_sets::{CaptureClock, Followed, FrameSetServo};
 use trinocular::servo::recording::observers;
 use trinocular::servo::station_link::StationLink;
+use trinocular::servo::triggering::Triggering;
 use trinocular::servo::visual_servo::ServoStep;
 use trinocular_client::observer::StationObserver;
 use trinocular_client::{StationError, diagnosis};
-use trinocular_core::frame::message::Mounting;
+use trinocular_core::frame::message::{Command, Mounting, Trigger};
 use trinocular_live::DropSource;
 use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
@@ -47,6 +48,15 @@ pub struct Summary {
 /// Count of the images of live cameras that never came to the loop.
 struct LiveDrops<'a>(Box<dyn Fn() -> u64 + 'a>);
 
+/// Clock of the times of live frame sets.
+#[derive(Clone, Copy)]
+pub enum LiveClock<'a> {
+    /// A clock of this computer, µs.
+    Host(&'a dyn Fn() -> u64),
+    /// The clock of the station, which triggers the cameras.
+    Station(&'a Triggering),
+}
+
 /// Frame sets and the station that follows them.
 pub struct Captures<'a> {
     options: &'a TrackOptions,
@@ -62,6 +72,8 @@ pub struct Captures<'a> {
     drops: Option<LiveDrops<'a>>,
     tap: Option<Arc<Tap>>,
     page: Option<TrackPage>,
+    /// True if the station triggers the cameras.
+    is_triggered: bool,
 }
 
 impl<'a> Captures<'a> {
@@ -77,26 +89,38 @@ impl<'a> Captures<'a> {
         self.drops = Some(LiveDrops(Box::new(count)));
     }
 
-    /// Starts the station: configured, its position zero. `now_us` is the clock of the frame set
-    /// times, if the frame sets are live.
+    /// Starts the station: configured, its position zero. `live` is the clock of the frame set
+    /// times, if the frame sets are live; a station that triggers the cameras does so from now on.
     pub fn new(
         options: &'a TrackOptions,
         rig: &'a RigFile,
         (stage, mounting): (&Stage, Mounting),
         port: Option<&'a str>,
         source: &'a Path,
-        now_us: Option<&dyn Fn() -> u64>,
+        live: Option<LiveClock<'_>>,
         tap: Option<Arc<Tap>>,
     ) -> Result<Self, Failure> {
         let failed = |error| Failure::of_servo(port, error);
         let regions = options.region.regions(rig)?;
         let place = options.station.place(port);
         let observer = tap.clone().map(|tap| tap as Arc<dyn StationObserver>);
+        let triggering = match live {
+            Some(LiveClock::Station(triggering)) => Some(triggering),
+            _ => None,
+        };
+        let observer = match triggering {
+            Some(triggering) => Some(triggering.listener(observer)),
+            None => observer,
+        };
         let station = StationLink::start_observed(place, stage, mounting, observer);
-        let station = station.map_err(|error| failed(error.into()))?;
+        let mut station = station.map_err(|error| failed(error.into()))?;
         introduce(&station);
-        let clock = match (port, now_us) {
-            (Some(_), Some(now_us)) => CaptureClock::Real {
+        if let Some(triggering) = triggering {
+            triggering.start(&mut station).map_err(failed)?;
+        }
+        let clock = match (port, live) {
+            (_, Some(LiveClock::Station(_))) => CaptureClock::Station,
+            (Some(_), Some(LiveClock::Host(now_us))) => CaptureClock::Real {
                 offset_us: offset_us(|| station.now().micros(), now_us),
             },
             _ => CaptureClock::Virtual {
@@ -129,11 +153,12 @@ impl<'a> Captures<'a> {
             page,
             port,
             source,
-            is_live: now_us.is_some(),
+            is_live: live.is_some(),
             absences: Absences::new(&rig.names),
             exposures: Exposures::new(&rig.names),
             drops: None,
             tap,
+            is_triggered: triggering.is_some(),
         })
     }
 
@@ -170,8 +195,13 @@ impl<'a> Captures<'a> {
         Ok(summary)
     }
 
-    /// Ends the recording at the station's present instant.
-    fn end(&self) {
+    /// Ends the triggers, and the recording at the station's present instant.
+    fn end(&mut self) {
+        if self.is_triggered {
+            // A station that cannot be reached goes on: triggers move nothing.
+            let off = Command::Trigger(Trigger::OFF);
+            let _ = self.servo.station_mut().command("trigger", off);
+        }
         if let Some(tap) = &self.tap {
             tap.end(self.servo.station().now().micros());
         }

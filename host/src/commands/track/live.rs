@@ -1,13 +1,14 @@
 //! Tracking with live cameras.
 
 use super::TrackOptions;
-use super::captures::Captures;
+use super::captures::{Captures, LiveClock};
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
 use crate::commands::failure::Failure;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use trinocular::servo::triggering::Triggering;
 use trinocular_client::stage::default_stage;
 use trinocular_core::frame::message::Mounting;
 use trinocular_rig::error::InputError;
@@ -15,6 +16,9 @@ use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::cameras::live::{LiveCameras, Tally};
+
+/// Number of missed, doubled and doubtful images that are printed.
+const PRINTED: usize = 20;
 
 /// Returns the stage and the mounting of the cameras. A real stage must be in the rig file.
 pub fn stage(
@@ -51,6 +55,45 @@ pub fn run(
     follow(options, &devices, (&rig, rig_path), stage, out)
 }
 
+/// Returns the triggers of the cameras, if the rig file has them and a station is there to give
+/// them.
+fn triggering(options: &TrackOptions, rig: &RigFile) -> Result<Option<Triggering>, Failure> {
+    let Some(trigger) = rig.trigger else {
+        return Ok(None);
+    };
+    if !options.station.is_given() {
+        notice!("[trigger] of the rig file has no effect without --port: cameras run freely");
+        return Ok(None);
+    }
+    for (option, is_given) in [
+        ("--delay", options.delay != 0.0),
+        ("--window", options.window.is_some()),
+    ] {
+        if is_given {
+            return Err(Failure::Usage(format!(
+                "{option} has no effect with [trigger] in the rig file: the capture time is the \
+                 trigger's instant on the station's own clock; leave {option} out, or remove \
+                 [trigger]"
+            )));
+        }
+    }
+    Ok(Some(Triggering::new(trigger)))
+}
+
+/// Returns a printer of missed, doubled and doubtful images: the first ones, because a camera whose settings
+/// are wrong has one at every trigger.
+fn anomalies() -> impl FnMut(&InputError) {
+    let mut printed = 0;
+    move |anomaly| {
+        printed += 1;
+        match printed {
+            ..PRINTED => notice!("warning: {anomaly}"),
+            PRINTED => notice!("warning: {anomaly}; further ones are only counted"),
+            _ => (),
+        }
+    }
+}
+
 fn follow(
     options: &TrackOptions,
     devices: &[PathBuf],
@@ -58,14 +101,22 @@ fn follow(
     (stage, mounting): (Stage, Mounting),
     out: &mut impl Write,
 ) -> Result<(), Failure> {
+    let triggering = triggering(options, rig)?;
     let port = options.station.resolve()?;
     // Open all cameras before the station, so that nothing moves if one is missing.
     let cameras = cameras::open(devices, (rig, rig_path), options.fps())?;
     let ms = |ms: f64| Duration::from_secs_f64(ms * 1e-3);
     let stop = on_interrupt()?;
-    let delay_us = (options.delay * 1e3).round() as i64;
     let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
-    let mut live = LiveCameras::start(cameras, ms(options.window_ms()), delay_us, stop, tell)?;
+    let mut live = match &triggering {
+        Some(Triggering { triggers, .. }) => {
+            LiveCameras::start_triggered(cameras, triggers, stop, tell, anomalies())?
+        }
+        None => {
+            let delay_us = (options.delay * 1e3).round() as i64;
+            LiveCameras::start(cameras, ms(options.window_ms()), delay_us, stop, tell)?
+        }
+    };
     let now_us = || live.now_us();
     let all: Vec<String> = (devices.iter().map(|device| device.display().to_string())).collect();
     let all = PathBuf::from(all.join(","));
@@ -79,7 +130,10 @@ fn follow(
         (&stage, mounting),
         port.as_deref(),
         &all,
-        Some(&now_us),
+        Some(match &triggering {
+            Some(triggering) => LiveClock::Station(triggering),
+            None => LiveClock::Host(&now_us),
+        }),
         recording.tap(),
     )?;
     captures.count_drops(cameras::drop_source(&live));
@@ -89,30 +143,48 @@ fn follow(
         let drops = tallies.iter().flat_map(Tally::drops);
         drops.map(|(_, count)| count).sum()
     });
-    let end_us = options
-        .seconds
-        .map(|seconds| live.now_us() + (seconds * 1e6) as u64);
+    let seconds_us = options.seconds.map(|seconds| (seconds * 1e6) as u64);
+    // The station's clock is known with the first frame set.
+    let mut begun_us = triggering.is_none().then(|| live.now_us());
     let is_in_time = |capture: &Result<FrameSet, InputError>| {
         let time_us = capture.as_ref().map_or(0, |capture| capture.time_us);
-        end_us.is_none_or(|end_us| time_us < end_us)
+        let begun_us = *begun_us.get_or_insert(time_us);
+        seconds_us.is_none_or(|seconds_us| time_us < begun_us + seconds_us)
     };
     let outcome = captures.follow(live.by_ref().take_while(is_in_time), out);
     for ((device, tally), name) in devices.iter().zip(live.tallies()).zip(&rig.names) {
         let matching = tally.matching;
+        let (within, of_triggers) = match &triggering {
+            Some(_) => {
+                let (missed, doubled) = (tally.missed, tally.doubled);
+                let counts = format!(
+                    "; {missed} triggers missed, {doubled} images doubled, {} doubtful",
+                    tally.doubtful
+                );
+                (String::new(), counts)
+            }
+            None => (format!(" within {} ms", options.window_ms()), String::new()),
+        };
         notice!(
-            "{name} ({}): {} images, {} used, {} overtaken by newer ones, {} without partners \
-             within {} ms, {} stale, {} damaged, {} incomplete, {} out of order; its driver lost {}",
+            "{name} ({}): {} images, {} used, {} overtaken by newer ones, {} without partners{}, \
+             {} stale, {} damaged, {} incomplete, {} out of order; its driver lost {}{}",
             device.display(),
-            matching.arrived + tally.stale + tally.damaged + tally.incomplete,
+            matching.arrived
+                + tally.stale
+                + tally.damaged
+                + tally.incomplete
+                + tally.doubled
+                + tally.doubtful,
             matching.used,
             matching.overtaken,
             matching.unmatched,
-            options.window_ms(),
+            within,
             tally.stale,
             tally.damaged,
             tally.incomplete,
             matching.disordered,
-            tally.lost
+            tally.lost,
+            of_triggers
         );
     }
     let summary = recording.close(outcome)?;

@@ -6,10 +6,20 @@ use trinocular_client::twin::real_time::Switches;
 use trinocular_rig::printable::printable;
 
 /// Orders, for messages.
-pub const ORDERS: &str = "type press, release, fault, clear, unplug, plug, restart, where or quit";
+pub const ORDERS: &str = "type press, release, fault, clear, unplug, plug, restart, miss, \
+                          double, where or quit";
 
 /// Longest line, bytes.
 const LONGEST: u64 = 200;
+
+/// Fault of a simulated camera at one image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Disturbance {
+    /// The image does not come.
+    Miss,
+    /// The image comes twice.
+    Double,
+}
 
 /// One order.
 pub enum Order {
@@ -21,6 +31,8 @@ pub enum Order {
     Plug,
     /// Power-cycle the board.
     Restart,
+    /// Disturb the first simulated camera at its next image.
+    Disturb(Disturbance),
     /// Print the position of the stage.
     Where,
     /// End.
@@ -51,6 +63,8 @@ impl Order {
             "unplug" => Self::Unplug,
             "plug" => Self::Plug,
             "restart" => Self::Restart,
+            "miss" => Self::Disturb(Disturbance::Miss),
+            "double" => Self::Disturb(Disturbance::Double),
             "where" => Self::Where,
             "quit" => Self::Quit,
             other => Self::Unknown(printable(other)),

@@ -1,6 +1,7 @@
 //! The rest of the simulated bench: station A, which moves a poster, and rendered cameras on the
 //! simulated stage, which other programs read as `--cameras twin`.
 
+use super::console::Disturbance;
 use crate::commands::failure::Failure;
 use rustix::time::{ClockId, clock_gettime};
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
@@ -12,6 +13,7 @@ use std::time::{Duration, Instant};
 use trinocular::servo::path::TargetPath;
 use trinocular_client::stage::{default_stage, setpoint};
 use trinocular_client::twin::Twin;
+use trinocular_client::twin::real_time::{RealTimeTwin, Triggered};
 use trinocular_core::frame::message::Mounting;
 use trinocular_core::time::Instant as StationInstant;
 use trinocular_rig::error::InputError;
@@ -34,14 +36,23 @@ pub struct LabSetup {
     pub fps: f64,
 }
 
+/// Time after which a doubled image is stamped: less than an eighth of a period up to 125 images
+/// per second.
+const DOUBLED_AFTER: Duration = Duration::from_millis(1);
+
+/// Time without triggers after which the cameras run freely again.
+const FREE_AFTER: Duration = Duration::from_secs(2);
+
 /// Instant at which all cameras take an image.
 struct Shot {
     number: u32,
-    /// Time since the start.
+    /// Time that has passed for the station, and so for the target.
     since: Duration,
     /// Capture time on the monotonic clock.
     captured: Duration,
     cameras_mm: [f64; 3],
+    /// Fault of the first camera.
+    disturbance: Option<Disturbance>,
 }
 
 /// The simulated bench: renders in a thread of its own, so that the station keeps its time.
@@ -49,7 +60,12 @@ pub struct Lab {
     shots: SyncSender<Shot>,
     started: Instant,
     period: Duration,
+    /// Time at which the next image is due, while the cameras run freely.
+    due: Duration,
+    /// Time at which the station last gave triggers.
+    triggered: Option<Duration>,
     taken: u32,
+    disturbance: Option<Disturbance>,
     /// Socket of the cameras, removed at the end.
     path: PathBuf,
 }
@@ -84,28 +100,58 @@ impl Lab {
             shots,
             started: Instant::now(),
             period: Duration::from_secs_f64(1.0 / setup.fps),
+            due: Duration::ZERO,
+            triggered: None,
             taken: 0,
+            disturbance: None,
             path,
         })
     }
 
-    /// Takes images if they are due. `at` is the instant at which the stage stood at `stage_mm`.
-    pub fn at(&mut self, at: Instant, stage_mm: [f64; 3]) {
-        let since = at.saturating_duration_since(self.started);
-        if since < self.period * self.taken {
-            return;
+    /// Disturbs the first camera at its next image.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        self.disturbance = Some(disturbance);
+    }
+
+    /// Takes images at the station's triggers, or if they are due where it has given none for a
+    /// while.
+    pub fn turn(&mut self, twin: &mut RealTimeTwin) {
+        for exposure in twin.exposures() {
+            self.shoot(exposure);
         }
-        self.taken += 1;
+        let at = twin.now();
+        let since = at.saturating_duration_since(self.started);
+        if twin.is_triggering() {
+            self.triggered = Some(since);
+        }
+        let is_waiting = |last: Duration| since < last + FREE_AFTER;
+        if self.triggered.is_some_and(is_waiting) {
+            self.due = since;
+        } else if since >= self.due {
+            // A busy computer leaves images out.
+            let late = (since - self.due).as_nanos() % self.period.as_nanos();
+            self.due = since + self.period - Duration::from_nanos(late as u64);
+            self.shoot(Triggered {
+                at,
+                passed: twin.passed(),
+                stage_mm: twin.position_mm(),
+            });
+        }
+    }
+
+    /// Takes images.
+    fn shoot(&mut self, exposure: Triggered) {
+        self.taken = self.taken.saturating_add(1);
         let shot = Shot {
             number: self.taken,
-            since,
-            captured: monotonic().saturating_sub(at.elapsed()),
-            cameras_mm: stage_mm,
+            since: exposure.passed,
+            captured: monotonic().saturating_sub(exposure.at.elapsed()),
+            cameras_mm: exposure.stage_mm,
+            disturbance: self.disturbance.take(),
         };
-        // A full queue is a lost image, which the readers see by its number.
-        if let Err(TrySendError::Disconnected(_)) = self.shots.try_send(shot) {
-            self.taken = u32::MAX;
-        }
+        // A full queue is a lost image, which the readers see by its number. Without a renderer the
+        // images end.
+        let _ = self.shots.try_send(shot);
     }
 }
 
@@ -211,10 +257,24 @@ fn serve(
             captured: pictures.shot.captured,
             size_px: [image.width, image.height].map(|side| side as u16),
         };
-        stream.write_all(&header.bytes())?;
-        stream.write_all(&image.grey)?;
+        for header in headers(header, pictures.shot.disturbance.filter(|_| camera == 0)) {
+            stream.write_all(&header.bytes())?;
+            stream.write_all(&image.grey)?;
+        }
     }
     Ok(())
+}
+
+/// Returns the headers with which an image comes: one, or none or two if it is disturbed.
+fn headers(header: StreamHeader, disturbance: Option<Disturbance>) -> Vec<StreamHeader> {
+    match disturbance {
+        None => vec![header],
+        Some(Disturbance::Miss) => Vec::new(),
+        Some(Disturbance::Double) => {
+            let captured = header.captured + DOUBLED_AFTER;
+            vec![header, StreamHeader { captured, ..header }]
+        }
+    }
 }
 
 /// Reads the line with which a program names its camera, counted from 0.

@@ -309,6 +309,7 @@ fn other_rigs_get_visible_offsets() {
         rig: rig.clone(),
         stage: None,
         pivot: None,
+        trigger: None,
         capture: Vec::new(),
     };
     let mut truth = rig;

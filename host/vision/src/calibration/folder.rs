@@ -93,6 +93,7 @@ impl Calibration {
             rig,
             stage: None,
             pivot: None,
+            trigger: None,
             capture: Vec::new(),
         })
     }

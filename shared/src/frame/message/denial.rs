@@ -2,7 +2,7 @@
 
 // The documentation names fields of the configuration.
 #[cfg(doc)]
-use super::{Config, HomeSwitch, StageConfig};
+use super::{Config, HomeSwitch, StageConfig, Trigger};
 #[cfg(doc)]
 use crate::estimate::Gate;
 use crate::estimate::Refusal;
@@ -64,6 +64,8 @@ pub enum Denial {
     FaultUnread,
     /// The motors are off.
     MotorsOff,
+    /// The board has no camera pin.
+    NoCameraPin,
 }
 
 /// Invalid part of a configuration. Append-only.
@@ -127,6 +129,10 @@ pub enum Setting {
     LongestError,
     /// [`StageConfig::unseen_um`].
     Unseen,
+    /// [`Trigger::rate_hz`].
+    TriggerRate,
+    /// [`Trigger::pulse_us`].
+    TriggerPulse,
 }
 
 impl Setting {
@@ -153,6 +159,8 @@ impl Setting {
             Self::LargestError => "largest_error_um",
             Self::LongestError => "longest_error_ms",
             Self::Unseen => "unseen_um",
+            Self::TriggerRate => "trigger.rate_hz",
+            Self::TriggerPulse => "trigger.pulse_us",
         }
     }
 }
@@ -224,6 +232,7 @@ impl core::fmt::Display for Denial {
                 "a fault appeared that no status has reported yet: read the status, then reset"
             }
             Self::MotorsOff => "the motors are off",
+            Self::NoCameraPin => "the board has no camera pin",
         };
         f.write_str(text)
     }

@@ -137,6 +137,7 @@ impl Bench {
             session: 1,
             reset_cause: ResetCause::PowerOn,
             last_run: LastRun::UNKNOWN,
+            camera_pin: None,
         };
         let contact = |home: Option<HomeSwitch>| {
             let side = home.map_or(Side::Negative, |home| home.side);

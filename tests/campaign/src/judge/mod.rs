@@ -332,7 +332,7 @@ impl Judge {
             Report::Status(status) => self.told(status),
             Report::Pong { .. } => self.greetings -= 1,
             Report::Hello(_) => self.greetings -= 1,
-            Report::LastRun(_) => {}
+            Report::LastRun(_) | Report::Triggered(_) => {}
         }
     }
 
@@ -404,6 +404,7 @@ pub fn kind(command: &Command) -> &'static str {
         Command::Ping { .. } => "ping",
         Command::Home { .. } => "home",
         Command::Motors { .. } => "motors",
+        Command::Trigger(_) => "trigger",
     }
 }
 

@@ -81,6 +81,7 @@ pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
         rig,
         stage,
         pivot: None,
+        trigger: None,
         capture: Vec::new(),
     }
     .to_toml();

@@ -6,7 +6,7 @@
 //!
 //! The capture time is the camera's [time stamp](super::stamp) less a delay that is the same for
 //! all cameras. An image of unknown time, or of a time before the start, counts as stale and is not
-//! used.
+//! used. Of cameras that a station triggers it is the [trigger's instant](super::triggers).
 //!
 //! A camera that is lost or silent is left out as long as two others run: its images are
 //! [`Image::missing`].
@@ -18,6 +18,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::matching::{Counts, Matching, Set};
+use super::triggers::{Count, Place, Triggers};
 use crate::images::{FrameSet, Image};
 use trinocular_rig::error::InputError;
 
@@ -99,6 +100,12 @@ pub struct Tally {
     pub incomplete: u64,
     /// Images that the camera's driver lost.
     pub lost: u64,
+    /// Triggers of which the camera has no image.
+    pub missed: u64,
+    /// Second images of a trigger.
+    pub doubled: u64,
+    /// Images of triggered cameras whose trigger is not certain.
+    pub doubtful: u64,
 }
 
 impl Tally {
@@ -108,9 +115,12 @@ impl Tally {
             ("damaged", self.damaged),
             ("with missing packets", self.incomplete),
             ("lost by the driver", self.lost),
+            ("missed triggers", self.missed),
             ("of unknown time", self.stale),
             ("out of order", self.matching.disordered),
             ("overtaken by newer images", self.matching.overtaken),
+            ("second of a trigger", self.doubled),
+            ("whose trigger is not certain", self.doubtful),
             ("without partners in time", self.matching.unmatched),
         ];
         drops.into_iter().filter(|(_, count)| *count > 0).collect()
@@ -125,6 +135,8 @@ struct State {
     failed: Option<InputError>,
     /// Reasons why cameras are left out, not yet reported.
     losses: Vec<InputError>,
+    /// Missed, doubled and doubtful images, not yet reported.
+    anomalies: Vec<InputError>,
 }
 
 impl State {
@@ -161,6 +173,7 @@ pub struct LiveCameras {
     patience: Duration,
     failed: bool,
     tell: Box<dyn FnMut(&InputError)>,
+    tell_anomaly: Box<dyn FnMut(&InputError)>,
     /// Threads of cameras that need their release.
     releases: Vec<JoinHandle<()>>,
 }
@@ -180,7 +193,6 @@ impl LiveCameras {
         stop: Arc<AtomicBool>,
         tell: impl FnMut(&InputError) + 'static,
     ) -> Result<Self, InputError> {
-        let count = cameras.len();
         let started = Instant::now();
         let delay = Duration::from_micros(delay_us.unsigned_abs());
         let zero = match delay_us < 0 {
@@ -188,12 +200,53 @@ impl LiveCameras {
             false => started.checked_add(delay),
         };
         let zero = zero.unwrap_or(started);
+        let source = |_, _| TimeSource::Stamps { zero };
+        Self::start_with(started, cameras, window, stop, tell, source)
+    }
+
+    /// Starts cameras that a station triggers, as [`LiveCameras::start`] does. The capture time of
+    /// an image is the instant of its trigger, on the station's clock. `tell_anomaly` is called for
+    /// each missed, doubled and doubtful image.
+    ///
+    /// # Errors
+    /// As [`LiveCameras::start`].
+    pub fn start_triggered<C: Camera>(
+        cameras: Vec<C>,
+        triggers: &Arc<Triggers>,
+        stop: Arc<AtomicBool>,
+        tell: impl FnMut(&InputError) + 'static,
+        tell_anomaly: impl FnMut(&InputError) + 'static,
+    ) -> Result<Self, InputError> {
+        // Images of one trigger have the same time.
+        let window = Duration::ZERO;
+        triggers.attend(cameras.iter().map(Camera::path).collect());
+        let source = |camera, path| TimeSource::Triggers {
+            path,
+            triggers: Arc::clone(triggers),
+            count: Count::of(camera),
+            events: 0,
+        };
+        let mut live = Self::start_with(Instant::now(), cameras, window, stop, tell, source)?;
+        live.tell_anomaly = Box::new(tell_anomaly);
+        Ok(live)
+    }
+
+    fn start_with<C: Camera>(
+        started: Instant,
+        cameras: Vec<C>,
+        window: Duration,
+        stop: Arc<AtomicBool>,
+        tell: impl FnMut(&InputError) + 'static,
+        source: impl Fn(usize, PathBuf) -> TimeSource,
+    ) -> Result<Self, InputError> {
+        let count = cameras.len();
         let shared = Arc::new(Shared {
             state: Mutex::new(State {
                 matching: Matching::new(count, micros(window)),
                 tallies: vec![Tally::default(); count],
                 failed: None,
                 losses: Vec::new(),
+                anomalies: Vec::new(),
             }),
             arrived: Condvar::new(),
             ended: AtomicBool::new(false),
@@ -206,12 +259,14 @@ impl LiveCameras {
             patience: PATIENCE,
             failed: false,
             tell: Box::new(tell),
+            tell_anomaly: Box::new(|_| ()),
             releases: Vec::new(),
         };
         for (index, camera) in cameras.into_iter().enumerate() {
             let shared = Arc::clone(&shared);
             let (path, needs_release) = (camera.path(), camera.needs_release());
-            let run = move || attend(camera, index, zero, &shared);
+            let source = source(index, path.clone());
+            let run = move || attend(camera, index, source, &shared);
             let thread = std::thread::Builder::new()
                 .name(format!("camera {index}"))
                 .spawn(run)
@@ -255,9 +310,14 @@ impl LiveCameras {
                     stale,
                     damaged,
                     incomplete,
+                    doubtful,
                     ..
                 } = state.tallies[camera];
                 let reason = match (stale + damaged, incomplete) {
+                    (0, 0) if doubtful > 0 => format!(
+                        "no image whose trigger is certain for {waited} s, of {doubtful} images \
+                         so far: keep the exposure constant, or lower rate_hz"
+                    ),
                     (0, 0) => format!("no image for {waited} s: is the camera still there?"),
                     (0, _) => format!(
                         "no whole image for {waited} s; so far {incomplete} had missing packets \
@@ -317,19 +377,119 @@ impl LiveCameras {
     }
 }
 
-/// Runs one camera's thread. The times of its images count from `zero`.
-fn attend<C: Camera>(mut camera: C, index: usize, zero: Instant, shared: &Shared) {
+/// Source of the capture times of one camera's images.
+enum TimeSource {
+    /// Time stamps, counted from `zero`.
+    Stamps {
+        /// Zero of the capture times.
+        zero: Instant,
+    },
+    /// Triggers of a station.
+    Triggers {
+        /// Path of the camera, for messages.
+        path: PathBuf,
+        triggers: Arc<Triggers>,
+        count: Count,
+        /// Number of images so far, usable or not, without those that were lost.
+        events: u64,
+    },
+}
+
+impl TimeSource {
+    /// Notes an event of the camera.
+    fn note(&mut self, event: &CameraEvent) {
+        if let Self::Triggers { events, .. } = self {
+            *events += u64::from(!matches!(event, CameraEvent::Nothing));
+        }
+    }
+
+    /// Returns the capture time of an image with this time stamp, µs, and counts what is wrong with
+    /// it. `None` for an image that is not used. The camera has lost `lost` images so far.
+    fn time_us(&mut self, at: Instant, lost: u64, shared: &Shared, index: usize) -> Option<u64> {
+        let (path, place) = match self {
+            Self::Stamps { zero } => {
+                // An image that was taken before the start has no time, and is stale.
+                let since = at.checked_duration_since(*zero);
+                shared.state().tallies[index].stale += u64::from(since.is_none());
+                return since.map(micros);
+            }
+            // Waits without the lock.
+            Self::Triggers {
+                path,
+                triggers,
+                count,
+                events,
+            } => (path, triggers.place(count, at, *events + lost)),
+        };
+        let mut state = shared.state();
+        let tally = &mut state.tallies[index];
+        let reason = match place {
+            Place::Of { number, missed, .. } => {
+                tally.missed += u64::from(missed);
+                missed_images(number, missed)
+            }
+            Place::Miscounted { number, missed } => {
+                tally.missed += u64::from(missed);
+                tally.doubtful += 1;
+                let doubt = format!(
+                    "the image that fits trigger {number} is not used, because it may be of another"
+                );
+                let missed = missed_images(number, missed).into_iter();
+                Some(missed.chain([doubt]).collect::<Vec<_>>().join("; "))
+            }
+            Place::Doubled { number } => {
+                tally.doubled += 1;
+                Some(format!("a second image of trigger {number}"))
+            }
+            Place::Doubtful => {
+                tally.doubtful += 1;
+                Some("an image whose trigger is not certain".to_owned())
+            }
+            Place::Before => None,
+            Place::Unreported => {
+                tally.stale += 1;
+                None
+            }
+        };
+        let anomaly = reason.map(|reason| InputError::file(path, reason));
+        state.anomalies.extend(anomaly);
+        match place {
+            Place::Of { instant_us, .. } => Some(instant_us),
+            _ => None,
+        }
+    }
+}
+
+/// Returns the words for the images that are missing right before that of a trigger.
+fn missed_images(number: u32, missed: u32) -> Option<String> {
+    let first = number - missed;
+    match missed {
+        0 => None,
+        1 => Some(format!("no image of trigger {first}")),
+        _ => Some(format!("no images of triggers {first} to {}", number - 1)),
+    }
+}
+
+/// Runs one camera's thread.
+fn attend<C: Camera>(mut camera: C, index: usize, mut source: TimeSource, shared: &Shared) {
     let mut is_lost = false;
     while !is_lost && !shared.ended.load(Relaxed) {
         let shot = camera.next_image();
+        if let Ok(event) = &shot {
+            source.note(event);
+        }
+        let time_us = match &shot {
+            Ok(CameraEvent::Image(at, _)) => source.time_us(*at, camera.lost(), shared, index),
+            _ => None,
+        };
         let mut state = shared.state();
         state.tallies[index].lost = camera.lost();
         match shot {
-            // An image that was taken before the start has no time, and is stale.
-            Ok(CameraEvent::Image(at, image)) => match at.checked_duration_since(zero) {
-                Some(since) => state.matching.push(index, micros(since), image),
-                None => state.tallies[index].stale += 1,
-            },
+            Ok(CameraEvent::Image(_, image)) => {
+                if let Some(time_us) = time_us {
+                    state.matching.push(index, time_us, image);
+                }
+            }
             Ok(CameraEvent::Stale) => state.tallies[index].stale += 1,
             Ok(CameraEvent::Damaged) => state.tallies[index].damaged += 1,
             Ok(CameraEvent::Incomplete) => state.tallies[index].incomplete += 1,
@@ -368,6 +528,8 @@ impl Iterator for LiveCameras {
         let set = self.wait()?;
         let losses = std::mem::take(&mut self.shared.state().losses);
         losses.iter().for_each(&mut self.tell);
+        let anomalies = std::mem::take(&mut self.shared.state().anomalies);
+        anomalies.iter().for_each(&mut self.tell_anomaly);
         self.failed = set.is_err();
         Some(set.map(|set| FrameSet {
             time_us: set.time_us(),

@@ -32,3 +32,4 @@ pub mod mono;
 pub mod numbers;
 pub mod stamp;
 pub mod stream;
+pub mod triggers;

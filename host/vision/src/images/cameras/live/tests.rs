@@ -219,3 +219,109 @@ fn stop_ends_frame_sets() {
     bench.stop.store(true, Relaxed);
     assert!(bench.live.next().is_none());
 }
+
+/// Camera that delivers what it is sent; a [`CameraEvent::Nothing`] is an image that its driver
+/// lost.
+struct Counting {
+    name: &'static str,
+    shots: Receiver<CameraEvent>,
+    lost: u64,
+}
+
+impl Camera for Counting {
+    fn path(&self) -> PathBuf {
+        self.name.into()
+    }
+
+    fn next_image(&mut self) -> Result<CameraEvent, InputError> {
+        let gone = |_| InputError::file(&self.path(), "unplugged");
+        let shot = self.shots.recv().map_err(gone)?;
+        self.lost += u64::from(shot == CameraEvent::Nothing);
+        Ok(shot)
+    }
+
+    fn lost(&self) -> u64 {
+        self.lost
+    }
+}
+
+/// The middle camera's driver loses the image of trigger 3, the right camera gives two of trigger 4,
+/// and the left one leaves trigger 5 out.
+#[test]
+fn triggered_images_have_their_triggers_time() {
+    let (senders, cameras): (Vec<_>, Vec<_>) = NAMES
+        .map(|name| {
+            let (sender, shots) = channel();
+            let lost = 0;
+            (sender, Counting { name, shots, lost })
+        })
+        .into_iter()
+        .unzip();
+    let triggers = Arc::new(Triggers::new(100, 0));
+    let (teller, told) = channel();
+    let tell = move |anomaly: &InputError| teller.send(anomaly.to_string()).unwrap();
+    let stop = Arc::default();
+    let live = LiveCameras::start_triggered(cameras, &triggers, stop, |_| (), tell);
+    let mut live = live.unwrap();
+    let begun = live.started;
+    let at = |number: u32| begun + Duration::from_millis(10) * number;
+    let give = |number: u32, count: u32| {
+        let instant_us = 5_000_000 + 10_000 * u64::from(number);
+        triggers.ping(at(number) - Duration::from_micros(500), instant_us - 500);
+        triggers.report(count, instant_us, at(number) + Duration::from_millis(1));
+    };
+    let send = |camera: usize, number: u32| {
+        let late = at(number) + Duration::from_millis(camera as u64);
+        let shot = CameraEvent::Image(late, image(number as u8));
+        senders[camera].send(shot).unwrap();
+    };
+    for number in 1..=2 {
+        give(number, number);
+        (0..3).for_each(|camera| send(camera, number));
+    }
+    while triggers.learn().is_err() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    triggers.begin();
+    (11..=17).for_each(|number| give(number, number - 10));
+    // The first one only starts the count.
+    for number in [11, 12] {
+        (0..3).for_each(|camera| send(camera, number));
+    }
+    let mut is_next = |number: u8| {
+        let capture = live.next().unwrap().unwrap();
+        assert_eq!(capture.time_us, 5_000_000 + 10_000 * u64::from(number));
+        assert_eq!(
+            capture.images,
+            [image(number), image(number), image(number)]
+        );
+    };
+    is_next(12);
+    senders[1].send(CameraEvent::Nothing).unwrap();
+    for (camera, number) in [(0, 13), (0, 14), (1, 14), (2, 13), (2, 14)] {
+        send(camera, number);
+    }
+    is_next(14);
+    send(2, 14);
+    for (camera, number) in [(0, 16), (1, 15), (1, 16), (2, 15), (2, 16)] {
+        send(camera, number);
+    }
+    (0..3).for_each(|camera| send(camera, 17));
+    is_next(17);
+    let mut told: Vec<String> = told.try_iter().collect();
+    told.sort();
+    let expected = [
+        "/dev/left: no image of trigger 5; the image that fits trigger 6 is not used, because it \
+         may be of another",
+        "/dev/middle: no image of trigger 3",
+        "/dev/right: a second image of trigger 4",
+        "/dev/right: the image that fits trigger 5 is not used, because it may be of another",
+    ];
+    assert_eq!(told, expected);
+    let counts = live.tallies().into_iter();
+    let counts = counts.map(|tally| (tally.missed, tally.doubled, tally.doubtful));
+    assert_eq!(
+        counts.collect::<Vec<_>>(),
+        [(1, 0, 1), (1, 0, 0), (0, 1, 1)]
+    );
+}

@@ -1,0 +1,79 @@
+//! The `[trigger]` section: cameras that the station triggers.
+
+use std::fmt::Write as _;
+
+use super::field::Field;
+use crate::error::InputError;
+use trinocular_core::frame::message;
+
+/// Longest exposure, µs.
+const LONGEST_EXPOSURE_US: u32 = 1_000_000;
+
+/// Triggers of the cameras by the station.
+///
+/// ```
+/// use std::path::Path;
+/// use trinocular_rig::rig_file::RigFile;
+///
+/// let text = RigFile::paper().to_toml() + "[trigger]\nrate_hz = 60\npulse_us = 2000\n";
+/// let trigger = RigFile::parse(Path::new("rig.toml"), &text)?.trigger.expect("a trigger");
+/// assert_eq!((trigger.rate_hz, trigger.pulse_us, trigger.active_low), (60, 2_000, false));
+/// # Ok::<(), trinocular_rig::error::InputError>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Trigger {
+    /// Triggers per second, 1 to 1000.
+    pub rate_hz: u16,
+    /// Length of a pulse, µs: 10 to 250 less than the period.
+    pub pulse_us: u32,
+    /// True if the pin is low during a pulse.
+    pub active_low: bool,
+    /// Exposure of the cameras, µs, whose middle is the capture time; at most the period.
+    pub exposure_us: u32,
+}
+
+impl Trigger {
+    /// Returns the settings for the station.
+    pub const fn settings(self) -> message::Trigger {
+        message::Trigger {
+            rate_hz: self.rate_hz,
+            pulse_us: self.pulse_us,
+            active_low: self.active_low,
+        }
+    }
+
+    pub(super) fn read(section: &Field<'_>) -> Result<Self, InputError> {
+        section.only(&["rate_hz", "pulse_us", "active_low", "exposure_us"])?;
+        section.require(&[("rate_hz", "rate_hz = 60"), ("pulse_us", "pulse_us = 2000")])?;
+        let highest = u32::from(message::Trigger::HIGHEST_RATE_HZ);
+        let rate_hz = section.required("rate_hz")?.whole(1..=highest)?;
+        let period_us = 1_000_000 / rate_hz;
+        let longest = period_us - message::Trigger::SHORTEST_PAUSE_US;
+        let pulse_us = section
+            .required("pulse_us")?
+            .whole(message::Trigger::SHORTEST_PULSE_US..=longest)?;
+        let active_low = match section.optional("active_low")? {
+            Some(field) => field.flag()?,
+            None => false,
+        };
+        let exposure_us = match section.optional("exposure_us")? {
+            Some(field) => field.whole(0..=period_us.min(LONGEST_EXPOSURE_US))?,
+            None => 0,
+        };
+        Ok(Self {
+            // At most 1000.
+            rate_hz: rate_hz as u16,
+            pulse_us,
+            active_low,
+            exposure_us,
+        })
+    }
+
+    pub(super) fn write_toml(&self, text: &mut String) {
+        let _ = write!(
+            text,
+            "\n[trigger]\nrate_hz = {}\npulse_us = {}\nactive_low = {}\nexposure_us = {}\n",
+            self.rate_hz, self.pulse_us, self.active_low, self.exposure_us
+        );
+    }
+}

@@ -1,0 +1,149 @@
+//! Matching of images to the triggers that a station reports: by count, with a check by time.
+//!
+//! An image with the time of another trigger would move the prediction, so an image is used only
+//! if its trigger is certain. Three things must agree:
+//!
+//! - *The instant of the trigger on this computer's clock.* The [reports] and the answers to pings
+//!   bound it for each trigger anew. A clock that stood still, as that of a suspended computer or
+//!   of a simulated station, makes no wrong pair: the bounds are those of its new reading.
+//! - *The time from a trigger to the time stamp of its image.* It is [learnt](learning) from a few
+//!   triggers with a silence behind them, of which every camera must have taken all: so images and
+//!   triggers are counted off one by one. From then on it may differ by an eighth of a period. With
+//!   the bounds above, an image must fit one trigger, and no other.
+//! - *The count.* From one image to the next, the [camera's count](count) must advance as the
+//!   triggers do. A camera that left a trigger out does not count it, so the image after such a gap
+//!   is not used: it may as well be a late image of an earlier trigger.
+//!
+//! The capture time is the trigger's instant on the station's own clock; none of the times above
+//! goes into it.
+
+mod count;
+mod learning;
+mod reports;
+mod span;
+
+use std::path::PathBuf;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use count::Shot;
+pub use count::{Count, Place};
+pub use learning::LEAST;
+use reports::Reports;
+use trinocular_rig::error::InputError;
+
+/// Longest wait of an image for the report of its trigger.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// Triggers that a station has reported, for the threads of all cameras.
+#[derive(Debug)]
+pub struct Triggers {
+    zero: Instant,
+    /// Time from a trigger to the middle of its exposure, µs.
+    middle_us: u64,
+    reports: Mutex<Reports>,
+    heard: Condvar,
+}
+
+impl Triggers {
+    /// Creates a list without triggers, of which `rate_hz` come per second. The capture time is
+    /// `middle_us` after the trigger.
+    pub fn new(rate_hz: u16, middle_us: u64) -> Self {
+        Self {
+            zero: Instant::now(),
+            middle_us,
+            reports: Mutex::new(Reports::new(1_000_000 / i64::from(rate_hz.max(1)))),
+            heard: Condvar::new(),
+        }
+    }
+
+    /// Takes a report that came at `heard`.
+    pub fn report(&self, number: u32, instant_us: u64, heard: Instant) {
+        let instant_us = i64::try_from(instant_us).unwrap_or(i64::MAX / 4);
+        let heard_us = self.host_us(heard);
+        self.reports().add(number, instant_us, heard_us);
+        self.heard.notify_all();
+    }
+
+    /// Takes the answer to a ping that was sent at `sent` and came to the station at `instant_us`.
+    pub fn ping(&self, sent: Instant, instant_us: u64) {
+        let instant_us = i64::try_from(instant_us).unwrap_or(i64::MAX / 4);
+        self.reports().pinged(self.host_us(sent), instant_us);
+    }
+
+    /// Names the cameras, in the order of [`Count::of`].
+    pub fn attend(&self, cameras: Vec<PathBuf>) {
+        self.reports().attend(cameras);
+    }
+
+    /// Returns the number of triggers since the station began to count.
+    pub fn given(&self) -> u32 {
+        self.reports().newest().map_or(0, |newest| newest.number)
+    }
+
+    /// Forgets the triggers and images so far: the station begins to count.
+    pub fn begin(&self) {
+        self.reports().begin();
+    }
+
+    /// Learns the time from the triggers since [`Triggers::begin`] to the time stamps of their
+    /// images. All images must have come.
+    ///
+    /// # Errors
+    /// [`InputError`] with the first camera that has not one image of each trigger, and why.
+    pub fn learn(&self) -> Result<(), InputError> {
+        self.reports().learn()
+    }
+
+    /// Returns the place of a camera's next image. Waits for the report of its trigger.
+    pub fn place(&self, count: &mut Count, at: Instant, seen: u64) -> Place {
+        let shot = Shot {
+            at_us: self.host_us(at),
+            seen,
+        };
+        let end = Instant::now() + PATIENCE;
+        let mut reports = self.reports();
+        loop {
+            let newest = reports.newest().map(|given| given.number);
+            let left = end.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                count.waited_at = newest;
+            }
+            // While no report comes at all, as on a lost line, only one image waits.
+            let is_last = newest.is_some() && count.waited_at == newest;
+            match count.place(&mut reports, shot, is_last) {
+                Some(Place::Of {
+                    number,
+                    instant_us,
+                    missed,
+                }) => {
+                    return Place::Of {
+                        number,
+                        instant_us: instant_us.saturating_add(self.middle_us),
+                        missed,
+                    };
+                }
+                Some(place) => return place,
+                None => {}
+            }
+            let waited = self.heard.wait_timeout(reports, left);
+            (reports, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    fn reports(&self) -> MutexGuard<'_, Reports> {
+        self.reports.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns an instant of this computer, µs; negative before the list was created.
+    fn host_us(&self, at: Instant) -> i64 {
+        let us = |time: Duration| i64::try_from(time.as_micros()).unwrap_or(i64::MAX / 4);
+        match at.checked_duration_since(self.zero) {
+            Some(since) => us(since),
+            None => -us(self.zero.duration_since(at)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
