@@ -63,9 +63,9 @@ fn follow(
     let cameras = cameras::open(devices, (rig, rig_path), options.fps())?;
     let ms = |ms: f64| Duration::from_secs_f64(ms * 1e-3);
     let stop = on_interrupt()?;
-    let delay_us = (options.delay * 1e3).round() as i64;
+    let delays_us = cameras::delays_us(options.delay, rig);
     let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
-    let mut live = LiveCameras::start(cameras, ms(options.window_ms()), delay_us, stop, tell)?;
+    let mut live = LiveCameras::start(cameras, ms(options.window_ms()), &delays_us, stop, tell)?;
     let now_us = || live.now_us();
     let all: Vec<String> = (devices.iter().map(|device| device.display().to_string())).collect();
     let all = PathBuf::from(all.join(","));
