@@ -76,6 +76,13 @@ impl Twin {
     }
 }
 
+/// Runs the words until the station's clock has not jumped meanwhile, as it does on a busy computer.
+fn undisturbed(desk: &TempDir, words: &str) -> Outcome {
+    let mut runs = (0..TRIES).map(|_| run(desk.path(), words));
+    let undisturbed = runs.find(|done| !done.stderr.contains("clock jumped"));
+    undisturbed.expect("a run without a jump of the clock")
+}
+
 /// Checks a run that a busy computer may have disturbed: true delays, or a refusal. Returns true for
 /// delays.
 #[track_caller]
@@ -169,11 +176,11 @@ fn suspended_twin_gives_no_wrong_delay() {
 fn moving_target_is_refused() {
     let desk = desk();
     let twin = Twin::start(&desk, "station", "--path circle --rig rig.toml");
-    let done = run(desk.path(), &twin.latency());
+    let done = undisturbed(&desk, &twin.latency());
     assert_eq!(done.code, Some(1), "{}", done.stderr);
     assert_eq!(done.stdout, "");
-    let asks = done.stderr.contains("target at rest") || done.stderr.contains("clock jumped");
-    assert!(asks, "{}", done.stderr);
+    let asks = "Is the target at rest";
+    assert!(done.stderr.contains(asks), "{}", done.stderr);
 }
 
 /// The cameras are those of another bench, whose stage does not move.
@@ -187,7 +194,7 @@ fn cameras_of_another_stage_are_refused() {
         &format!("twin:{}", twin.port),
         &format!("twin:{}", other.port),
     );
-    let done = run(desk.path(), &words);
+    let done = undisturbed(&desk, &words);
     assert_eq!(done.code, Some(1), "{}", done.stderr);
     assert!(
         done.stderr.contains("is it the camera on the stage"),

@@ -76,6 +76,12 @@ fn refuse_doubles(devices: &[PathBuf], names: &[String]) -> Result<(), Failure> 
     Ok(())
 }
 
+/// Returns true if a camera stamps its images by a clock of its own, which is compared with the
+/// computer's.
+pub fn have_own_clock(devices: &[PathBuf]) -> bool {
+    devices.iter().any(|device| genicam::is_one(device))
+}
+
 /// Returns the delay of each camera's time stamps, µs: `delay_ms`, or else that of the rig file.
 pub fn delays_us(delay_ms: Option<f64>, rig: &RigFile) -> Vec<i64> {
     let cameras = 0..rig.names.len();

@@ -63,13 +63,10 @@ impl RealTimeTwin {
         }
     }
 
-    /// Takes the bytes that have arrived, lets the time since the last call pass, and returns the
+    /// Lets the time since the last call pass, takes the bytes that have arrived, and returns the
     /// bytes for the host. Call it every millisecond or two.
     pub fn turn(&mut self, received: &[u8]) -> Vec<u8> {
         let hardware = &mut self.hardware;
-        if !received.is_empty() {
-            hardware.receive(received);
-        }
         let steps = hardware.plant.steps();
         hardware.set_switches(Inputs {
             limits: std::array::from_fn(|axis| {
@@ -90,6 +87,11 @@ impl RealTimeTwin {
         };
         let end_us = hardware.station.now().micros() + passed_us;
         hardware.run_until(StationInstant::from_micros(end_us));
+        // No earlier: they may have been sent a moment ago.
+        if !received.is_empty() {
+            hardware.receive(received);
+            hardware.run_until(StationInstant::from_micros(end_us));
+        }
         let packets = hardware.to_host.drain(..);
         packets.flat_map(|(_, bytes)| bytes).collect()
     }

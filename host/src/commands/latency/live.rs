@@ -19,6 +19,9 @@ use trinocular_vision::images::cameras::stamp::offset_us;
 /// Time from a stage at rest to an image of it, µs: vibrations fade, and stamps are late.
 const SETTLED_US: u64 = 500_000;
 
+/// Time from the start of cameras with a clock of their own until their stamps have settled, µs.
+const OWN_CLOCK_US: u64 = 8_000_000;
+
 /// Time beyond the motion for which a pass lasts, ms: the longest delay.
 const AFTER_MS: u64 = 400;
 
@@ -37,6 +40,8 @@ pub struct Live {
     eyes: Vec<Eye>,
     model: StageModel,
     source: PathBuf,
+    /// Instant of the line's clock from which on stamps have settled, µs.
+    settled_us: u64,
     /// Instant of the last pass on the line's clock, and lead of the station's clock with its bound,
     /// µs.
     last: Option<(u64, (i64, u64))>,
@@ -71,7 +76,12 @@ pub fn bench(
         .iter()
         .map(|name| name.display().to_string())
         .collect();
+    let own_clock_us = match cameras::have_own_clock(&devices) {
+        true => OWN_CLOCK_US,
+        false => 0,
+    };
     let mut live = Live {
+        settled_us: serial.now_us() + own_clock_us,
         eyes: eyes.collect(),
         driven,
         model,
@@ -143,7 +153,7 @@ impl Bench for Live {
     }
 
     fn rest(&mut self, count: usize, see: &mut See<'_>) -> Result<(), Failure> {
-        let from_us = self.now_us() + SETTLED_US;
+        let from_us = self.settled_us.max(self.now_us() + SETTLED_US);
         let mut seen = vec![0; self.eyes.len()];
         while seen.iter().any(|seen| *seen < count) {
             self.look(from_us, &mut |camera, stamp_s, image| {

@@ -81,7 +81,10 @@ impl Outcome {
     pub fn warn(&self, period_ms: f64) {
         for row in &self.rows {
             let Latency {
-                delay_ms, left_out, ..
+                delay_ms,
+                passes,
+                left_out,
+                ..
             } = row.latency;
             if let Some(file_ms) = row.changed_from_ms() {
                 warnings::raise(format!(
@@ -92,9 +95,10 @@ impl Outcome {
             }
             if left_out > 0 {
                 warnings::raise(format!(
-                    "`{}`: {left_out} passes were left out, because they disagree with the others \
-                     or have too few images",
-                    row.name
+                    "`{}`: {left_out} of {} passes left out, which disagree with the others or \
+                     have too few images",
+                    row.name,
+                    passes + left_out
                 ));
             }
         }
@@ -166,8 +170,8 @@ impl Outcome {
             } = row.latency;
             table = table.row([
                 Cell::text(&row.name),
-                Cell::text(format!("{delay_ms:.2}")),
-                Cell::text(format!("{sigma_ms:.2}")),
+                Cell::text(format!("{delay_ms:.3}")),
+                Cell::text(format!("{sigma_ms:.3}")),
                 or_dash(row.file_ms),
                 or_dash(row.apart_ms),
                 Cell::text(images.to_string()),

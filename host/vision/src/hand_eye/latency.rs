@@ -56,7 +56,8 @@ const LEAST_OVER_NOISE: f64 = 10.0;
 const MOST_OVER_NOISE: f64 = 6.0;
 const MOST_OVER_MOTION: f64 = 0.02;
 
-/// Difference of a pass from the others that is always accepted, ms, and as a multiple of sigma.
+/// Difference of a pass from the others that is accepted beyond the error of the clock: ms, or a
+/// multiple of sigma if that is more.
 const ACCEPTED_MS: f64 = 0.3;
 const ACCEPTED_SIGMA: f64 = 5.0;
 
@@ -189,7 +190,7 @@ pub fn latency(passages: &[Passage<'_>], noise_px: f64, clock_ms: f64) -> Result
             noise_px,
         });
     }
-    let (used, own_ms) = agreeing(&all, whole.delay_s, noise_px)?;
+    let (used, own_ms) = agreeing(&all, whole.delay_s, noise_px, clock_ms)?;
     let fit = refined(&used, whole.delay_s);
     let scatter_px = fit.scatter_px();
     if !(scatter_px <= (MOST_OVER_NOISE * noise_px).max(MOST_OVER_MOTION * motion_px)) {
@@ -249,13 +250,15 @@ fn agreeing<'a>(
     passages: &[&'a Passage<'a>],
     start_s: f64,
     noise_px: f64,
+    clock_ms: f64,
 ) -> Result<(Vec<&'a Passage<'a>>, Vec<f64>), Refusal> {
     let alone = passages.iter().map(|passage| refined(&[passage], start_s));
     let alone: Vec<Fit> = alone.collect();
     let all_ms: Vec<f64> = alone.iter().map(|fit| 1e3 * fit.delay_s).collect();
     let middle_ms = median(all_ms.clone());
     let agrees = |fit: &Fit| {
-        let accepted_ms = ACCEPTED_MS.max(ACCEPTED_SIGMA * 1e3 * fit.sigma_s(noise_px));
+        let by_noise_ms = ACCEPTED_SIGMA * 1e3 * fit.sigma_s(noise_px);
+        let accepted_ms = ACCEPTED_MS.max(by_noise_ms) + clock_ms;
         (1e3 * fit.delay_s - middle_ms).abs() <= accepted_ms
     };
     let (mut used, mut own_ms) = (Vec::new(), Vec::new());
