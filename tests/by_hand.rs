@@ -7,7 +7,7 @@ mod homing;
 mod jog;
 
 use serde_json::{Value, json};
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -308,6 +308,16 @@ fn run_that_zeroes_says_so() {
 }
 
 #[test]
+fn failed_stop_names_other_means() {
+    let desk = Desk::new("/dev/no-such-port");
+    let done = desk
+        .run("stop")
+        .ended(1, &["/dev/no-such-port", "plugged in"]);
+    let other = "if the stage moves, press the emergency stop";
+    assert!(done.err.contains(other), "{}", done.err);
+}
+
+#[test]
 fn unplugged_port_is_named_at_once() {
     let end = station();
     let desk = Desk::new(&end.path);
@@ -337,4 +347,11 @@ fn unplugged_port_is_named_at_once() {
     let rest: Vec<String> = lines.map_while(Result::ok).collect();
     assert_eq!(jog.wait().expect("it ends").code(), Some(3), "{rest:?}");
     assert!(rest.join(" ").contains("the line was lost for"), "{rest:?}");
+    let mut table = String::new();
+    let out = jog.stdout.as_mut().expect("piped");
+    out.read_to_string(&mut table).expect("text");
+    let stood = end.standing();
+    let place = format!("({} 0 0 steps)", stood[0]);
+    assert!(table.contains(&place), "{place} is not in: {table}");
+    assert!(stood[0] < 4_000, "{stood:?}");
 }

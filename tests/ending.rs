@@ -140,24 +140,36 @@ fn signal_in_motion_stops_stage() {
     }
     let end = station();
     for name in ["INT", "TERM", "HUP"] {
-        let run = desk.start(&end, RUNS[2]);
-        std::thread::sleep(Duration::from_millis(300));
-        let before = end.steps();
-        let patience = Instant::now() + PATIENCE;
-        while end
-            .steps()
-            .iter()
-            .zip(before)
-            .all(|(now, then)| (now - then).abs() < 40)
-        {
-            assert!(Instant::now() < patience, "{:?}", end.steps());
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        signal(&run, name);
-        let (code, err) = ended(run);
-        assert_eq!(code, Some(3), "{name}: {err}");
-        stands_stopped(&end);
+        // On a busy computer the stage may stand when the signal comes, and stop for no other run.
+        let stopped = (0..10).any(|_| stopped_in_motion(&desk, &end, name));
+        assert!(stopped, "{name} never came in motion");
     }
+}
+
+/// Starts `track`, and ends it by a signal once it moves; returns false if the stage stood then.
+fn stopped_in_motion(desk: &Desk, end: &FarEnd, name: &str) -> bool {
+    let run = desk.start(end, RUNS[2]);
+    std::thread::sleep(Duration::from_millis(300));
+    let before = end.steps();
+    let has_moved = || {
+        let axes = end.steps().into_iter().zip(before);
+        axes.into_iter().any(|(now, then)| (now - then).abs() >= 40)
+    };
+    let patience = Instant::now() + PATIENCE;
+    while !has_moved() {
+        assert!(Instant::now() < patience, "{:?}", end.steps());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    signal(&run, name);
+    let (code, err) = ended(run);
+    let is_stopped = code == Some(3);
+    if is_stopped {
+        stands_stopped(end);
+    } else {
+        let by_signal = [130, 143, 129].map(Some).contains(&code);
+        assert!(by_signal, "{name}: {code:?} {err}");
+    }
+    is_stopped
 }
 
 #[test]

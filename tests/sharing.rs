@@ -464,6 +464,39 @@ fn strangers_at_the_socket_do_no_harm() {
     drop(silent);
 }
 
+/// Each has the port for a tenth of a second, and lets no other program in at its start and end.
+#[test]
+fn status_is_shown_while_others_come_and_go() {
+    let end = station();
+    std::thread::scope(|scope| {
+        for _ in 0..3 {
+            scope.spawn(|| {
+                for _ in 0..10 {
+                    let args = ["status", "--port", &end.path];
+                    let output = trinocular().args(args).output().expect("it runs");
+                    let error = String::from_utf8_lossy(&output.stderr);
+                    assert!(output.status.success(), "{error}");
+                }
+            });
+        }
+    });
+}
+
+#[test]
+fn command_waits_for_one_that_only_reads() {
+    let end = station();
+    let reader = Serial::connect_to_watch(&end.path).expect("it is free");
+    assert!(is_busy(Serial::connect(&end.path)), "it stays too long");
+    let guest = Serial::connect_to_watch(&end.path).expect("it is let in");
+    assert!(guest.owner().is_some());
+    drop(guest);
+    // Ten attempts, for a busy machine on which the reader's end takes longer than one lasts.
+    let leaving = std::thread::spawn(move || drop(reader));
+    let driver = (0..10).find_map(|_| Serial::connect(&end.path).ok());
+    leaving.join().expect("it ends");
+    assert!(driver.expect("the port becomes free").owner().is_none());
+}
+
 /// A stop that another one overtakes has stopped the stage, too.
 #[test]
 fn several_stops_at_once_are_all_done() {

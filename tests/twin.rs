@@ -195,10 +195,9 @@ fn tcp_serves_one_program_after_another() {
     assert!(twin.good("status").contains("80 0 0 steps"));
 }
 
-/// Starts a twin with the paper's cameras and a target on this path; returns it with the value of
-/// --cameras.
-fn bench(path: &str) -> (Twin, String) {
-    let twin = Twin::start(|folder| {
+/// Starts a twin with the paper's cameras and a target on this path.
+fn bench(path: &str) -> Twin {
+    Twin::start(|folder| {
         let mut rig = RigFile::paper();
         rig.stage = Some(default_stage());
         std::fs::write(folder.path().join("bench.toml"), rig.to_toml()).expect("it is ours");
@@ -214,17 +213,15 @@ fn bench(path: &str) -> (Twin, String) {
             &rig,
         ];
         options.map(str::to_owned).to_vec()
-    });
-    let cameras = format!("twin:{}", twin.port);
-    (twin, cameras)
+    })
 }
 
 #[test]
 fn live_cameras_calibrate_stage() {
-    let (twin, cameras) = bench("still");
+    let twin = bench("still");
     let heartbeat = HEARTBEAT.join(" ");
     twin.good(&format!("zero --rig bench.toml {heartbeat}"));
-    let words = format!("calibrate-stage --cameras {cameras} --rig bench.toml --json {heartbeat}");
+    let words = format!("calibrate-stage --cameras twin --rig bench.toml --json {heartbeat}");
     let found = &twin.run(&words).good_json()[0];
     for axis in 0..3 {
         for column in 0..3 {
@@ -249,9 +246,9 @@ fn live_cameras_calibrate_stage() {
 /// another.
 #[test]
 fn simulated_cameras_follow_target() {
-    let (mut twin, cameras) = bench("line");
+    let mut twin = bench("line");
     let words = format!(
-        "track --cameras {cameras} --rig bench.toml --json --seconds 6 {}",
+        "track --cameras twin --rig bench.toml --json --seconds 6 {}",
         HEARTBEAT.join(" ")
     );
     let done = twin.run(&words);
@@ -292,10 +289,16 @@ fn state(address: &str) -> Value {
 /// A reader that is suspended or slow loses images, and counts them; it keeps its cameras.
 #[test]
 fn suspended_reader_loses_images_only() {
-    let (mut twin, cameras) = bench("still");
+    let mut twin = bench("still");
     let mut serve = trinocular();
     serve
-        .args(["serve", "--cameras", &cameras, "--rig", "bench.toml"])
+        .args([
+            "serve",
+            "--cameras",
+            &format!("twin:{}", twin.port),
+            "--rig",
+            "bench.toml",
+        ])
         .args(["--listen", "127.0.0.1:0"])
         .current_dir(twin.folder.path())
         .stderr(Stdio::piped());

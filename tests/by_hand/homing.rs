@@ -14,7 +14,7 @@ fn homing_finds_the_switches() {
     desk.run(&format!("home {CONFIGURE}"))
         .ended(3, &["no home switch", "home_switch in the rig file"]);
     desk.run(&format!("jog x=11 {CONFIGURE}"))
-        .ended(3, &["`home` or `zero`", "unknown_window_mm"]);
+        .ended(3, &["home or zero first", "unknown_window_mm"]);
     let home = "--rig home.toml --heartbeat 5000";
     let done = desk.run(&format!("home {home}"));
     done.ended(0, &["-59.0", "59.0", "known"]);

@@ -99,17 +99,30 @@ fn foreign_origin_and_host_are_refused() {
 fn open_address_shows_nothing_without_key() {
     let site = Site::on("0.0.0.0:0");
     let mut page = Peer::open(site.address());
-    page.say(&json!({ "drawn": 0 }));
     assert_eq!(page.exchange("wrong"), None);
     assert!(page.exchange(&site.token()).is_some());
     page.wait(|message| (message["type"] == "hello").then_some(()));
+    // From now on there are images.
+    site.turn(1, 50);
+    while !page.socket.read().expect("it goes on").is_binary() {}
     // Without a key the server closes the connection and has sent nothing.
-    let mut other = Peer::open(site.address());
-    let first = other.socket.read();
-    let is_silent = matches!(
-        &first,
-        Err(tungstenite::Error::Io(error)) if error.kind() == std::io::ErrorKind::WouldBlock
-    );
-    let is_closed = first.as_ref().map_or(true, tungstenite::Message::is_close);
-    assert!(!is_silent && is_closed, "{first:?}");
+    for asked in [
+        None,
+        Some(json!({ "drawn": 0 })),
+        Some(json!({ "do": {"stop": {}}, "id": 1 })),
+        Some(json!({ "do": {"unknown": {}}, "id": 1 })),
+    ] {
+        let mut other = Peer::open(site.address());
+        if let Some(asked) = &asked {
+            other.say(asked);
+        }
+        let first = other.socket.read();
+        let is_silent = matches!(
+            &first,
+            Err(tungstenite::Error::Io(error)) if error.kind() == std::io::ErrorKind::WouldBlock
+        );
+        let is_closed = first.as_ref().map_or(true, tungstenite::Message::is_close);
+        assert!(!is_silent && is_closed, "{asked:?}: {first:?}");
+    }
+    assert_eq!(site.desk.stops.load(Ordering::SeqCst), 0);
 }

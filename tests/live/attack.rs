@@ -4,6 +4,7 @@ use super::peer::Peer;
 use super::{PATIENCE, Site};
 use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
+use trinocular_live::server::{CONTROL_PAGES, PAGES};
 use tungstenite::Message;
 
 /// Sends bytes; returns all that the server answers until it closes the connection.
@@ -147,9 +148,18 @@ fn pages_are_bounded() {
         page.state(|_| true);
         page
     };
-    let mut pages: Vec<Peer> = (0..trinocular_live::server::PAGES).map(open).collect();
+    let mut pages: Vec<Peer> = (0..PAGES).map(open).collect();
     let host = site.address().to_string();
-    let refused = Peer::open_from(site.address(), &host, None).err();
+    let more = || Peer::open_from(site.address(), &host, None);
+    // The operator's page comes in all the same.
+    let mut control = more().expect("it may show a key");
+    control.exchange(&site.token()).expect("the link is new");
+    control.state(|_| true);
+    assert_eq!(control.ask(&serde_json::json!({"stop": {}})), None);
+    let _waiting: Vec<_> = (1..CONTROL_PAGES)
+        .map(|_| more().expect("it may"))
+        .collect();
+    let refused = more().err();
     assert_eq!(refused.map(|status| status.as_u16()), Some(503));
     site.turn(1, 50);
     for page in &mut pages {

@@ -185,7 +185,11 @@ fn bench_follows_again_after_jog_and_zero() {
         page.state(|_| true);
     }
     done(&mut page, &json!({"zero": {}}));
-    page.state(|state| state["notes"].to_string().contains("zero is here"));
+    page.state(|state| {
+        state["notes"]
+            .to_string()
+            .contains("zero: the position became 0 0 0 mm")
+    });
     let at_zero = |state: &Value| {
         let samples = state["samples"].as_array();
         let last = samples.and_then(|samples| samples.last());
@@ -200,11 +204,14 @@ fn bench_follows_again_after_jog_and_zero() {
         // While it follows, a jog is refused by the loop.
         let refusal = page.ask(&jog([500, 0, 0]));
         assert_eq!(refusal.as_deref(), Some("end following first"));
-        assert_eq!(page.ask(&json!({"follow": {"on": false}})), None);
+        page.say(&json!({"do": {"follow": {"on": false}}, "id": 2001}));
+        let ended = "following ended, by the live page";
+        page.state(|state| state["notes"].to_string().contains(ended));
         page.state(is_in("idle"));
     }
-    assert_eq!(page.ask(&json!({"mark": {"text": "lamp off"}})), None);
-    page.state(|state| state["notes"].to_string().contains("lamp off"));
+    let text = "lamp\u{202e} off";
+    assert_eq!(page.ask(&json!({"mark": {"text": text}})), None);
+    page.state(|state| state["notes"].to_string().contains(r"lamp\\u{202e} off"));
 }
 
 /// Each of three jogs at once is done or refused by name, and none replaces another.

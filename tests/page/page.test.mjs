@@ -106,7 +106,7 @@ test("jog, zero and mark work from the page", async (t) => {
   assert.ok(bottom > 780 && bottom <= 844, "STOP is at the thumb");
   await tab.until("!document.getElementById('zero').disabled");
   await tab.click("#zero");
-  await tab.until("document.getElementById('notes').textContent.includes('zero is here')");
+  await tab.until("document.getElementById('notes').textContent.includes('zero: the position became 0 0 0 mm')");
   await tab.click("[data-jog='1,0,0']");
   await tab.until("document.querySelector('#readout .x td').textContent === '1.000'");
   await tab.until("!document.getElementById('mark').disabled");

@@ -10,6 +10,9 @@
 //! so pings with short trips say more. The shortest of each half second is kept, half a minute of
 //! them, and a line is fitted: its height is the offset, its slope the difference of the two
 //! crystals. The bound that is reported rests on the trips alone, not on the fit being good.
+//!
+//! Two pings that no drift of crystals reconciles have a jump of one of the clocks between them: a
+//! computer that slept, or a simulated station that was suspended. The older one is forgotten.
 
 use std::collections::VecDeque;
 
@@ -25,6 +28,9 @@ const LEAST_SPAN_US: f64 = 5e6;
 /// Largest difference of two crystals: 200 millionths.
 const MOST_DRIFT: f64 = 200e-6;
 
+/// Largest rounding of the two clocks in an offset, µs.
+const ROUNDING_US: f64 = 2.0;
+
 /// Clock offset from one ping.
 #[derive(Clone, Copy, Debug)]
 struct Pong {
@@ -35,10 +41,21 @@ struct Pong {
     trip_us: u64,
 }
 
+impl Pong {
+    /// Returns true if both offsets can be true of clocks that only drift.
+    fn agrees_with(&self, other: &Self) -> bool {
+        let apart = self.offset_us.abs_diff(other.offset_us) as f64;
+        let trips = (self.trip_us as f64 + other.trip_us as f64) / 2.0;
+        let drift = MOST_DRIFT * difference(self.middle_us, other.middle_us).abs();
+        apart <= trips + drift + ROUNDING_US
+    }
+}
+
 /// Offset and rate of the station's clock.
 #[derive(Debug, Default)]
 pub struct Clock {
     pongs: VecDeque<Pong>,
+    jumps: u32,
 }
 
 /// Station time minus host time, µs, as a linear function of the host's time.
@@ -72,6 +89,11 @@ impl Clock {
             offset_us: middle_there as i64 - middle_us as i64,
             trip_us: away.saturating_sub(there),
         };
+        let known = self.pongs.len();
+        self.pongs.retain(|old| old.agrees_with(&pong));
+        if self.pongs.len() < known {
+            self.jumps = self.jumps.saturating_add(1);
+        }
         let same_period = |last: &&mut Pong| last.middle_us / PERIOD_US == middle_us / PERIOD_US;
         if let Some(last) = self.pongs.back_mut().filter(same_period) {
             if pong.trip_us < last.trip_us {
@@ -83,6 +105,12 @@ impl Clock {
             self.pongs.pop_front();
         }
         self.pongs.push_back(pong);
+    }
+
+    /// Returns how often one of the two clocks has jumped: station times before a jump and after it
+    /// cannot be compared with the host's by one offset.
+    pub const fn jumps(&self) -> u32 {
+        self.jumps
     }
 
     /// Forgets all pings, because another station may be at the other end.
@@ -174,6 +202,40 @@ mod tests {
         assert_eq!(clock.offset_us(3_050), Some((50_000, 40)));
         assert_eq!(clock.station_us(7), Some(50_007));
         assert_eq!(clock.host_us(50_007), Some(7));
+    }
+
+    /// A station that was suspended for 700 ms, with and without a ping on its way meanwhile.
+    #[test]
+    fn clock_is_right_again_after_a_jump() {
+        for on_its_way in [false, true] {
+            let mut clock = Clock::default();
+            let mut offset = 4_000_000_i64;
+            let mut send = |left: u64, there: u64, offset: i64| {
+                let station = (left + there).saturating_add_signed(offset);
+                clock.pong(left, station, station, left + there + 70);
+                (clock.offset_us(left + there + 70), clock.jumps())
+            };
+            for ping in 0..500 {
+                let (found, jumps) = send(20_000 * ping, 60, offset);
+                assert_eq!(
+                    (found.map(|(offset, _)| offset), jumps),
+                    (Some(3_999_995), 0)
+                );
+            }
+            offset -= 700_000;
+            if on_its_way {
+                // It arrived when the station went on; its trip allows both offsets.
+                let (_, jumps) = send(9_999_000, 700_100, offset);
+                assert_eq!(jumps, 0);
+            }
+            let (found, jumps) = send(10_720_000, 60, offset);
+            let (found, bound) = found.expect("a reply came");
+            assert_eq!(jumps, 1);
+            assert!(
+                found.abs_diff(offset) <= bound && bound <= 100,
+                "{found} {bound}"
+            );
+        }
     }
 
     /// Pings go every 20 ms for a minute over a line that delays some for milliseconds, one way

@@ -243,8 +243,7 @@ pub const fn remedy(denial: Denial) -> Option<&'static str> {
             "`trinocular home` finds it, `trinocular zero` makes the present position zero"
         }
         Denial::OutsideWindow => {
-            "`home` or `zero` first; unknown_window_mm in the rig file says how far it may go \
-             until then"
+            "unknown_window_mm in the rig file says how far it may go until then"
         }
         Denial::NoHomeSwitch => "home_switch in the rig file says where an axis has one",
         Denial::Stopped => "`trinocular reset` lets it move again",

@@ -45,10 +45,7 @@ const FARTHEST_TICKS: i32 = 60_000;
 
 /// Implausible number from a station.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "{field} from the station is {value}, must be {least} to {most}: its firmware is faulty or \
-     foreign"
-)]
+#[error("{field} from the station is {value}, must be {least} to {most}: {cause}")]
 pub struct Implausible {
     /// Report and its field.
     pub field: &'static str,
@@ -58,7 +55,14 @@ pub struct Implausible {
     pub least: i128,
     /// Highest plausible value.
     pub most: i128,
+    /// Cause, in words.
+    pub cause: &'static str,
 }
+
+const FIRMWARE: &str = "its firmware is faulty or foreign";
+
+const CLOCKS: &str =
+    "this computer slept meanwhile, or the station's firmware is faulty or foreign";
 
 /// Host's knowledge when a report arrives.
 #[derive(Clone, Copy, Debug)]
@@ -150,7 +154,11 @@ fn check_status(status: &Status, known: Known) -> Result<(), Implausible> {
 fn ahead(field: &'static str, time: Instant, known: Known) -> Result<(), Implausible> {
     known.station_us.map_or(Ok(()), |station_us| {
         let latest = station_us.saturating_add(MOST_AHEAD_US);
-        within(field, time.micros(), 0..=latest)
+        let plausible = within(field, time.micros(), 0..=latest);
+        plausible.map_err(|implausible| Implausible {
+            cause: CLOCKS,
+            ..implausible
+        })
     })
 }
 
@@ -171,6 +179,7 @@ fn within<T: Copy + PartialOrd + Into<i128>>(
         value: value.into(),
         least: (*range.start()).into(),
         most: (*range.end()).into(),
+        cause: FIRMWARE,
     })
 }
 

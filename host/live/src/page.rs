@@ -84,6 +84,8 @@ struct Page {
     hub: Arc<Hub>,
     controls: Option<ControlsHandle>,
     may_control: bool,
+    /// True once the page gets what is seen.
+    is_admitted: bool,
     /// Numbers of the last sample, note and image set that were sent.
     seen: u64,
     noted: u64,
@@ -104,8 +106,7 @@ type Outcome = Result<(), String>;
 /// End of a conversation: the page left, is too slow, or sent nonsense.
 struct Gone;
 
-/// Serves a page until it leaves. On an address that is not `is_open`, it gets nothing before it
-/// has shown a key.
+/// Serves a page until it leaves. One that is not `is_open` gets nothing before it has shown a key.
 pub async fn attend(socket: WebSocket, hub: Arc<Hub>, is_open: bool) {
     let (outcome_sender, outcomes) = unbounded_channel();
     let mut page = Page {
@@ -113,6 +114,7 @@ pub async fn attend(socket: WebSocket, hub: Arc<Hub>, is_open: bool) {
         controls: hub.controls(),
         hub: Arc::clone(&hub),
         may_control: false,
+        is_admitted: is_open,
         seen: 0,
         noted: 0,
         sent: 0,
@@ -128,6 +130,7 @@ pub async fn attend(socket: WebSocket, hub: Arc<Hub>, is_open: bool) {
     if !is_open && !page.may_control {
         return;
     }
+    page.is_admitted = true;
     hub.client_came();
     let _ = page.serve().await;
     hub.client_left();
@@ -223,6 +226,11 @@ impl Page {
             _ => return Err(Gone),
         };
         match serde_json::from_str::<Request>(&text).map_err(|_| Gone)? {
+            Request::Drawn { .. } | Request::Do { .. } | Request::Unknown { .. }
+                if !self.is_admitted =>
+            {
+                Err(Gone)
+            }
             Request::Drawn { drawn } => {
                 self.drawn = drawn;
                 self.send_images().await

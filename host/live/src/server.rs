@@ -25,8 +25,12 @@ use tokio::sync::{Semaphore, oneshot};
 /// Connections that are served simultaneously.
 pub const CONNECTIONS: usize = 64;
 
-/// Pages that are open simultaneously.
+/// Pages that are open simultaneously, whoever opens them.
 pub const PAGES: usize = 16;
+
+/// Further pages, which have to show the key of a control link: others cannot keep the stop away
+/// from the operator.
+pub const CONTROL_PAGES: usize = 16;
 
 /// Longest time from the start of a connection to the end of its request's header.
 const HEADER_PATIENCE: Duration = Duration::from_secs(5);
@@ -87,6 +91,7 @@ struct Site {
     hub: Arc<Hub>,
     address: SocketAddr,
     pages: Arc<Semaphore>,
+    control_pages: Arc<Semaphore>,
 }
 
 impl Server {
@@ -185,6 +190,7 @@ async fn serve(listener: TcpListener, hub: Arc<Hub>, address: SocketAddr) {
         hub,
         address,
         pages: Arc::new(Semaphore::new(PAGES)),
+        control_pages: Arc::new(Semaphore::new(CONTROL_PAGES)),
     };
     let router = router(site);
     let connections = Arc::new(Semaphore::new(CONNECTIONS));
@@ -262,11 +268,12 @@ async fn live(State(site): State<Site>, headers: HeaderMap, upgrade: WebSocketUp
     if !is_own_origin(origin, host) {
         return refuse(StatusCode::FORBIDDEN, "only the page itself may connect");
     }
-    let Ok(permit) = site.pages.try_acquire_owned() else {
+    let for_all = site.pages.try_acquire_owned();
+    let is_open = for_all.is_ok() && site.address.ip().is_loopback();
+    let Ok(permit) = for_all.or_else(|_| site.control_pages.try_acquire_owned()) else {
         let reason = "too many pages are open; close one";
         return refuse(StatusCode::SERVICE_UNAVAILABLE, reason);
     };
-    let is_open = site.address.ip().is_loopback();
     upgrade
         .max_message_size(LONGEST_MESSAGE)
         .max_frame_size(LONGEST_MESSAGE)

@@ -18,14 +18,11 @@ use trinocular_core::frame::message::{Command, Denial, Mounting, Status};
 use trinocular_core::safety::{Fault, State};
 use trinocular_rig::error::InputError;
 use trinocular_rig::interruption;
+use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 
 /// Timeout for a stage to come to rest.
 const REST_PATIENCE: Duration = Duration::from_secs(10);
-
-/// Advice after a stop that another program's hold on the port has kept back.
-const UNSENT: &str = "no stop was sent: if the stage moves, press the emergency stop or the board's \
-                      button";
 
 /// Polling period of a stage in motion.
 const LOOK: Duration = Duration::from_millis(10);
@@ -131,13 +128,7 @@ impl Hand {
 
     /// Connects as [`Hand::connect_to_any`] does, and stops the stage with the first packets.
     pub fn connect_and_stop(argument: &PortArgument) -> Result<Self, Failure> {
-        let connected = Self::connect_by(argument, Serial::connect_and_stop);
-        connected.map_err(|failure| match failure {
-            Failure::Station(failure) if failure.is_of_owner() => {
-                Failure::Station(failure.with_next(Some(UNSENT)))
-            }
-            failure => failure,
-        })
+        Self::connect_by(argument, Serial::connect_and_stop)
     }
 
     fn connect_by(
@@ -277,9 +268,10 @@ impl Hand {
             }
             let status = match self.serial.fresh_status(true) {
                 Err(StationError::Cancelled) => continue,
-                Err(error @ StationError::StoppedByOther { .. }) => {
-                    return self.rest_after(error);
-                }
+                Err(
+                    error
+                    @ (StationError::StoppedByOther { .. } | StationError::Interrupted { .. }),
+                ) => return self.rest_after(error),
                 status => status.map_err(|error| self.failed(error))?,
             };
             match motion.is_over(Instant::now(), &status) {
@@ -370,9 +362,18 @@ enum End {
 /// Returns the failure behind a motion that did not end by itself.
 pub fn why_it_stands(hand: &Hand, rest: Rest) -> Result<(), Failure> {
     let Rest { status, end } = rest;
-    let is_stopped = rest::ended(&status, hand.port()).map_err(|error| hand.failed(error))?;
+    let is_stopped = match (rest::ended(&status, hand.port()), &end) {
+        (Ok(is_stopped), _) => is_stopped,
+        (Err(fault), End::Error(lost @ StationError::Interrupted { .. })) => {
+            notice!("{lost}");
+            return Err(hand.failed(fault));
+        }
+        (Err(error), _) => return Err(hand.failed(error)),
+    };
     let who = match end {
-        End::Error(error @ StationError::Overdue { .. }) => return Err(hand.failed(error)),
+        End::Error(error @ (StationError::Overdue { .. } | StationError::Interrupted { .. })) => {
+            return Err(hand.failed(error));
+        }
         End::Error(error) => error.to_string(),
         End::Interrupted if is_stopped => "interrupted".to_owned(),
         End::Own if is_stopped => "stopped by another command".to_owned(),

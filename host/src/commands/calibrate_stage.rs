@@ -62,7 +62,7 @@ pub struct CalibrateStageOptions {
     port: Option<String>,
 
     /// Live cameras, in the order of the rig file's, as for `track`; `twin` stands for those of
-    /// `trinocular twin --with-target --path still`
+    /// `trinocular twin --with-target --path still` on --port
     #[arg(
         long,
         value_name = "DEVICE,...",

@@ -16,16 +16,21 @@ use trinocular_vision::images::cameras::live::{Camera, LiveCameras, Tally};
 /// Stands on the command line for the devices that the rig file names.
 const RIG: &str = "rig";
 
+/// Begins the name of the cameras of a simulated station that has its own link.
+const TWIN_ON: &str = "twin:";
+
 /// Returns one device for each camera of the rig file, in its order. `twin` stands for all cameras
-/// of a simulated station, `rig` for the devices that the rig file names.
+/// of a simulated station: of the one on `port`, if that has any. `rig` stands for the devices that
+/// the rig file names.
 pub fn per_camera(
     devices: &[PathBuf],
-    rig: &RigFile,
-    rig_path: &Path,
+    port: Option<&str>,
+    (rig, rig_path): (&RigFile, &Path),
 ) -> Result<Vec<PathBuf>, Failure> {
     let names = &rig.names;
     let is_simulated = |device: &PathBuf| simulated_station(device).is_some();
     let devices = match devices {
+        [one] if one.as_os_str() == ports::TWIN => vec![twin_beside(port); names.len()],
         [one] if is_simulated(one) => vec![one.clone(); names.len()],
         [one] if one.as_os_str() == RIG => named_by_rig(rig, rig_path)?,
         _ => devices.to_vec(),
@@ -43,6 +48,19 @@ pub fn per_camera(
         refuse_doubles(&devices, names)?;
     }
     Ok(devices)
+}
+
+/// Returns the name of the simulated cameras beside the station on `port`.
+fn twin_beside(port: Option<&str>) -> PathBuf {
+    #[cfg(unix)]
+    if let Some(link) = port
+        && crate::commands::twin::lab::cameras_of(Path::new(link)).exists()
+    {
+        return format!("{TWIN_ON}{link}").into();
+    }
+    // Other systems have no simulated cameras, and say so.
+    let _ = port;
+    ports::TWIN.into()
 }
 
 fn named_by_rig(rig: &RigFile, rig_path: &Path) -> Result<Vec<PathBuf>, Failure> {
@@ -160,7 +178,7 @@ pub fn open(
 fn simulated_station(device: &Path) -> Option<PathBuf> {
     match device.to_str()? {
         ports::TWIN => ports::twin_link().ok(),
-        other => other.strip_prefix("twin:").map(PathBuf::from),
+        other => other.strip_prefix(TWIN_ON).map(PathBuf::from),
     }
 }
 

@@ -47,6 +47,11 @@ impl Driven {
         Ok(self.hand.serial().client().answered_tick())
     }
 
+    /// Returns how often the station's clock has jumped against this computer's.
+    pub fn clock_jumps(&self) -> u32 {
+        self.hand.serial().client().clock().jumps()
+    }
+
     /// Waits until the stage stands; returns the position reached, mm from zero.
     pub fn arrive(&mut self) -> Result<[f64; 3], Failure> {
         let travel_mm = self

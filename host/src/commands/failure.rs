@@ -63,6 +63,13 @@ pub enum Failure {
     /// The station refused or faulted.
     #[error("station: {0}")]
     Station(StationFailure),
+    /// A stop was not confirmed, for this reason.
+    #[error(
+        "{}; the stop is not confirmed: if the stage moves, press the emergency stop or the board's \
+         button",
+        .0.chain()
+    )]
+    Unstopped(Box<Failure>),
     /// Standard output could not be written.
     #[error("standard output")]
     Output(#[from] io::Error),
@@ -84,6 +91,7 @@ impl Failure {
             // As shells report a program that a signal has ended.
             Self::Interrupted(signal) => 128_u8.saturating_add((*signal).try_into().unwrap_or(127)),
             Self::Station(_) => 3,
+            Self::Unstopped(failure) => failure.exit_code(),
         }
     }
 
@@ -157,17 +165,6 @@ enum StationReason {
 }
 
 impl StationFailure {
-    /// Returns true if another program has the port, so that nothing was sent to the station.
-    pub fn is_of_owner(&self) -> bool {
-        match &self.reason {
-            StationReason::Error(error) => matches!(
-                **error,
-                StationError::Busy { .. } | StationError::OwnerSilent { .. }
-            ),
-            StationReason::Text(_) => false,
-        }
-    }
-
     /// Adds the operator's next action, if there is one.
     #[must_use]
     pub fn with_next(self, next: Option<&str>) -> Self {

@@ -66,7 +66,7 @@ pub struct LatencyOptions {
     port: Option<String>,
 
     /// Live cameras, in the order of the rig file's, as for `track`; `twin` stands for those of
-    /// `trinocular twin --with-target --path still`
+    /// `trinocular twin --with-target --path still` on --port
     #[arg(
         long,
         value_name = "DEVICE,...",
@@ -141,12 +141,13 @@ trait Bench {
     fn rest(&mut self, count: usize, see: &mut See<'_>) -> Result<(), Failure>;
 
     /// Moves to a position, mm from zero, and gives `see` the images on the way. Returns the path of
-    /// the stage on the clock of the stamps, and the bound of that clock's error, ms.
+    /// the stage on the clock of the stamps, and the bound of that clock's error, ms; `None` if the
+    /// station's clock has jumped meanwhile.
     fn pass(
         &mut self,
         position_mm: [f64; 3],
         see: &mut See<'_>,
-    ) -> Result<(delay::Path, f64), Failure>;
+    ) -> Result<Option<(delay::Path, f64)>, Failure>;
 }
 
 /// Receiver of images: camera, stamp, s, and image.
@@ -220,14 +221,17 @@ fn observe(
         bench.go(at(axis, -1.0))?;
         for share in PASSES {
             let pass = observed.begin_pass(axis);
-            let (path, clock_ms) = bench.pass(at(axis, share), &mut |camera, stamp_s, image| {
+            let passed = bench.pass(at(axis, share), &mut |camera, stamp_s, image| {
                 observed.passing(camera, pass, stamp_s, image);
                 Ok(())
             })?;
-            observed.end_pass(pass, path, clock_ms);
+            if let Some((path, clock_ms)) = passed {
+                observed.end_pass(pass, path, clock_ms);
+            }
         }
         bench.go(centre_mm)?;
     }
+    observed.check_clock()?;
     Ok(observed)
 }
 

@@ -33,6 +33,11 @@ impl PortOption {
         self.port.is_some()
     }
 
+    /// Returns the port as it was named.
+    pub fn name(&self) -> Option<&str> {
+        self.port.as_deref()
+    }
+
     /// Returns the path of the port, if one was named.
     pub fn resolve(&self) -> Result<Option<String>, Failure> {
         let path = self.port.as_deref().map(ports::resolve).transpose();

@@ -116,7 +116,7 @@ pub struct ServeOptions {
     fps: f64,
 
     /// Live cameras, in the order of the rig file's, as for `track`, or `twin` for those of
-    /// `trinocular twin --with-target`; without it they are rendered
+    /// `trinocular twin --with-target` on --port; without it they are rendered
     #[arg(
         long,
         value_name = "DEVICE,...",

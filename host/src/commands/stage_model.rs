@@ -77,8 +77,8 @@ impl ModelPath {
 pub struct Anchor {
     /// The instant on the line's clock, µs.
     pub line_us: i64,
-    /// Lead of the station's clock over the line's, and the bound of its error, µs.
-    pub clock_us: (i64, u64),
+    /// Bound of the error of the station's clock, µs.
+    pub bound_us: u64,
 }
 
 impl Anchor {
@@ -86,12 +86,12 @@ impl Anchor {
     /// the station's clock is unknown.
     pub fn of(serial: &Serial, tick: Option<u32>, source: &Path) -> Result<Self, Failure> {
         let unknown = || InputError::file(source, "the station's clock is not known yet");
-        let clock_us = serial.offset_us().ok_or_else(unknown)?;
-        let now_us = serial.now_us().saturating_add_signed(clock_us.0);
+        let (lead_us, bound_us) = serial.offset_us().ok_or_else(unknown)?;
+        let now_us = serial.now_us().saturating_add_signed(lead_us);
         let start_us = instant_of_tick(tick.ok_or_else(unknown)?, now_us);
         Ok(Self {
-            line_us: start_us as i64 - clock_us.0,
-            clock_us,
+            line_us: start_us as i64 - lead_us,
+            bound_us,
         })
     }
 }

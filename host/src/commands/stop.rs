@@ -35,23 +35,8 @@ const LOOK: Duration = Duration::from_millis(50);
 
 /// Runs the command.
 pub fn run(options: &StopOptions, out: &mut impl Write) -> Result<(), Failure> {
-    let path =
-        ports::resolve(&options.port.port).map_err(|error| Failure::of_station(None, error))?;
-    // The owner of the port may be about to leave it, or to open its socket.
-    let patience = Instant::now() + OWNER_PATIENCE;
-    let (hand, status) = loop {
-        match stop(&options.port) {
-            Ok(stopped) => break stopped,
-            Err(_) if Instant::now() < patience => std::thread::sleep(LOOK),
-            Err(_) => {
-                // Another program may have the port without letting others in.
-                if let Some(other) = end_other_host(&path) {
-                    told(&path, other)?;
-                }
-                break stop(&options.port)?;
-            }
-        }
-    };
+    let unconfirmed = |failure| Failure::Unstopped(Box::new(failure));
+    let (hand, status) = stop_at_last(options).map_err(unconfirmed)?;
     if let Some(Holder { pid, command }) = hand.serial().owner() {
         notice!("the stop went through `{command}` (process {pid}), which has the port");
     }
@@ -68,6 +53,27 @@ pub fn run(options: &StopOptions, out: &mut impl Write) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Stops the stage, if need be by the end of the program that has the port.
+fn stop_at_last(options: &StopOptions) -> Result<(Hand, Status), Failure> {
+    let path =
+        ports::resolve(&options.port.port).map_err(|error| Failure::of_station(None, error))?;
+    // The owner of the port may be about to leave it, or to open its socket.
+    let patience = Instant::now() + OWNER_PATIENCE;
+    loop {
+        match stop(&options.port) {
+            Err(_) if Instant::now() < patience => std::thread::sleep(LOOK),
+            Err(_) => {
+                // Another program may have the port without letting others in.
+                if let Some(other) = end_other_host(&path) {
+                    told(&path, other)?;
+                }
+                return stop(&options.port);
+            }
+            stopped => return stopped,
+        }
+    }
+}
+
 /// Connects, and stops the stage; returns the connection and the status at rest.
 fn stop(port: &PortArgument) -> Result<(Hand, Status), Failure> {
     let mut hand = Hand::connect_and_stop(port)?;
@@ -80,14 +86,13 @@ fn stop(port: &PortArgument) -> Result<(Hand, Status), Failure> {
 /// # Errors
 /// If that program still has the port, so that no stop can be sent.
 fn told(path: &str, other: OtherHost) -> Result<(), Failure> {
-    let stays =
-        |Holder { pid, command }: Holder, why: &str, way_out: &str| {
-            let last = "if the stage moves, press the emergency stop or the board's button";
-            Err(Failure::Station(format!(
+    let stays = |Holder { pid, command }: Holder, why: &str, way_out: &str| {
+        let text = format!(
             "{path}: no stop was sent, because `{command}` (process {pid}) has the port {why}; \
-             {last}, then {way_out}"
-        ).into()))
-        };
+             {way_out}"
+        );
+        Err(Failure::Station(text.into()))
+    };
     let kill = |pid: u32| format!("run `kill -9 {pid}` and `trinocular stop` again");
     match other {
         OtherHost::Left(Holder { pid, command }) => {

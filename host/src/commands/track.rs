@@ -75,8 +75,8 @@ pub struct Source {
     /// Until Ctrl-C, or for --seconds. V4L2 cameras need Linux and a program that was built with
     /// `--features trinocular/camera`, GenICam cameras (GigE Vision, USB3 Vision) one with `--features
     /// trinocular/genicam`. `trinocular cameras` lists both. A GenICam camera is named by its serial
-    /// number or IP address; `genicam:first` takes any. `twin:LINK` names the link of a twin that has
-    /// its own.
+    /// number or IP address; `genicam:first` takes any. `twin` means the twin on --port if that one
+    /// has cameras; `twin:LINK` names the link of another.
     /// At the end a line per camera counts its images: used, overtaken, damaged, incomplete (with
     /// missing packets), lost by its driver.
     /// If a camera is unplugged or falls silent, the others carry on, as long as two are left.

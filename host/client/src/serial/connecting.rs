@@ -6,7 +6,7 @@ use super::super::owner::Purpose;
 use super::super::stage::configuration;
 use super::line::Line;
 use super::sender::Sender;
-use super::{LOOK, REST_PATIENCE, Serial, Shared, sharing};
+use super::{Access, LOOK, REST_PATIENCE, Serial, Shared, sharing};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 use trinocular_core::frame::message::{Command, Config, Mounting, Status};
@@ -17,6 +17,9 @@ use trinocular_rig::rig_file::Stage;
 /// Timeout for the first answer: some boards restart when their port is opened, and a
 /// pseudo-terminal takes a second to notice it.
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
+
+/// Timeout for a program that only reads to find an owner that stays, or none.
+const OWNER_PATIENCE: Duration = Duration::from_secs(3);
 
 /// Period of hello until the first answer.
 const HELLO_PERIOD: Duration = Duration::from_millis(250);
@@ -66,7 +69,19 @@ impl Serial {
     /// # Errors
     /// As [`Serial::connect`].
     pub fn connect_to_watch(path: &str) -> Result<Self, StationError> {
-        Self::connect_as(path, Purpose::Watch, None)
+        let end = Instant::now() + OWNER_PATIENCE;
+        loop {
+            match Self::connect_as(path, Purpose::Watch, None) {
+                // The program that has let this one in has left: now the port may be free.
+                Err(StationError::Lost { .. })
+                    if Instant::now() < end && !interruption::is_requested() => {}
+                Err(error) => return Err(error),
+                Ok(serial) => {
+                    serial.shared.line().guests.access = Access::Brief;
+                    return Ok(serial);
+                }
+            }
+        }
     }
 
     fn connect_as(

@@ -133,10 +133,13 @@ fn has_open(pid: u32, wanted: impl Fn(&Path) -> bool) -> bool {
     files.any(|file| wanted(&file.path()))
 }
 
-/// Returns a running program with its command line.
+/// Returns a running program with its command line, which one that has just ended no longer has.
 #[cfg(target_os = "linux")]
 fn program(pid: u32) -> Option<Holder> {
     let command = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
+    if command.is_empty() {
+        return None;
+    }
     let command = String::from_utf8_lossy(&command);
     let command = printable(command.trim_end_matches('\0').replace('\0', " "));
     Some(Holder { pid, command })

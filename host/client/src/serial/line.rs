@@ -3,16 +3,16 @@
 //!
 //! This module also repeats a stop, once begun, until it is answered or given up (`stop`).
 
+mod entry;
 mod loss;
 
 use super::super::StationError;
 use super::super::conversation::Client;
 use super::super::motion::moves;
 use super::super::observer::StationObserver;
-use super::super::owner::{self, Purpose, Reception};
-use super::busy;
+use super::super::owner::Purpose;
 use super::holder::Holder;
-use super::port::{self, Half};
+use super::port::Half;
 use super::sender::Sender;
 use super::sharing::Guests;
 use super::stop::{STOP_PATIENCE, Stop};
@@ -72,26 +72,7 @@ impl Line {
     /// Opens the port; if another program has it and lets others in, connects to that program.
     pub fn open(path: &str, purpose: Purpose, sender: Arc<Sender>) -> Result<Self, StationError> {
         let terminal = Terminal::at(path);
-        let (halves, owner) = match owner::connect_to_owner(path, purpose) {
-            Some(Reception::Welcome(stream, owner)) => {
-                let halves = port::through(stream).map_err(serialport::Error::from);
-                (halves, Some(owner))
-            }
-            Some(Reception::Refused(holder)) => {
-                return Err(StationError::Busy {
-                    path: path.to_owned(),
-                    holder: Some(holder),
-                });
-            }
-            Some(Reception::Silent(holder)) => {
-                return Err(StationError::OwnerSilent {
-                    path: path.to_owned(),
-                    holder,
-                });
-            }
-            None => (port::open(path), None),
-        };
-        let (reader, writer) = halves.map_err(|cause| busy::explain(path, &cause))?;
+        let (reader, writer, owner) = entry::enter(path, purpose)?;
         sender.set_port(Some(writer));
         Ok(Self {
             port: Some(reader),

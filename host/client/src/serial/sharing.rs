@@ -52,6 +52,9 @@ pub enum Access {
     Busy,
     /// This program only keeps the line; one guest at a time may drive.
     Open,
+    /// This program reads a few reports and leaves; a guest that wants to drive tries again, until
+    /// it has the port itself.
+    Brief,
 }
 
 /// Guests of one line.
@@ -103,6 +106,10 @@ fn receive(listener: &Listener, stream: &mut Stream, shared: &Shared) -> io::Res
         if line.closed || !line.is_up() {
             // Without a reply the guest opens the port itself: a lost line's name may belong to
             // another device by now, and a closed line's port is about to be free.
+            return Ok(());
+        }
+        if guest.purpose == Purpose::Drive && line.guests.access == Access::Brief {
+            // Without a reply for the same reason: this program leaves.
             return Ok(());
         }
         if let Some(holder) = line.guests.admit(&guest) {

@@ -45,7 +45,7 @@ pub fn bench(
     driven: impl FnOnce() -> Result<Driven, Failure>,
 ) -> Result<Live, Failure> {
     let path = options.stage.path()?;
-    let devices = cameras::per_camera(devices, rig, path)?;
+    let devices = cameras::per_camera(devices, options.port.as_deref(), (rig, path))?;
     let opened = cameras::open(&devices, (rig, path), FPS)?;
     let stop = on_interrupt()?;
     let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
@@ -101,6 +101,7 @@ impl StageBench for Live {
 
     fn pass(&mut self, position_mm: [f64; 3]) -> Result<Option<Pass>, Failure> {
         let path = self.model.go(position_mm, AFTER_MS)?;
+        let jumps_before = self.driven.clock_jumps();
         let until_us = self.cameras.now_us() + path.lasts_us();
         let begun = self.driven.begin(position_mm)?;
         let mut pass = Pass::default();
@@ -108,6 +109,12 @@ impl StageBench for Live {
             pass.captures.push(self.next()?);
         }
         self.driven.arrive()?;
+        if self.driven.clock_jumps() != jumps_before {
+            notice!(
+                "warning: the station's clock jumped while the stage moved, because the station or \
+                 this computer was held up: the delay may be wrong; run this again"
+            );
+        }
         let serial = self.driven.hand.serial();
         let anchor = Anchor::of(serial, begun, &self.source)?;
         // From the line's clock to the cameras'.

@@ -10,7 +10,8 @@ use trinocular_vision::images::Image;
 /// One pass of the stage.
 struct Pass {
     axis: usize,
-    path: Path,
+    /// Path of the stage; `None` if the station's clock jumped meanwhile.
+    path: Option<Path>,
     /// Bound of the error of the path's clock, ms.
     clock_ms: f64,
 }
@@ -70,11 +71,11 @@ impl Observed {
         }
     }
 
-    /// Begins a pass along an axis; returns its number.
+    /// Begins a pass along an axis; returns its number. It counts once it has ended.
     pub fn begin_pass(&mut self, axis: usize) -> usize {
         self.passes.push(Pass {
             axis,
-            path: Path::default(),
+            path: None,
             clock_ms: 0.0,
         });
         self.passes.len() - 1
@@ -92,7 +93,21 @@ impl Observed {
     /// Ends a pass with the path of the stage and the bound of its clock's error, ms.
     pub fn end_pass(&mut self, pass: usize, path: Path, clock_ms: f64) {
         let pass = &mut self.passes[pass];
-        (pass.path, pass.clock_ms) = (path, clock_ms);
+        (pass.path, pass.clock_ms) = (Some(path), clock_ms);
+    }
+
+    /// Refuses passes in most of which the station's clock jumped.
+    pub fn check_clock(&self) -> Result<(), Failure> {
+        let all = self.passes.len();
+        let jumped = self.passes.iter().filter(|pass| pass.path.is_none());
+        match jumped.count() {
+            jumped if 2 * jumped > all => Err(Failure::Images(format!(
+                "the station's clock jumped in {jumped} of {all} passes of the stage, because the \
+                 station or this computer was held up: end what keeps it busy, and run the command \
+                 again"
+            ))),
+            _ => Ok(()),
+        }
     }
 
     /// Returns the bound of the error of the station's clock, ms.
@@ -117,9 +132,10 @@ impl Observed {
     fn latency(&self, camera: &Camera) -> Result<Latency, Failure> {
         let means_px = camera.motion.means();
         let means_px = means_px.map_err(|refusal| camera.failed(refusal))?;
+        let nowhere = Path::default();
         let passages = self.passes.iter().map(|pass| Passage {
             axis: pass.axis,
-            path: &pass.path,
+            path: pass.path.as_ref().unwrap_or(&nowhere),
             looks: Vec::new(),
         });
         let mut passages: Vec<Passage<'_>> = passages.collect();
@@ -127,6 +143,7 @@ impl Observed {
         for (moment, moved_px) in camera.moments.iter().zip(means_px) {
             match *moment {
                 Moment::AtRest => rest_px.push(moved_px),
+                Moment::Passing { pass, .. } if self.passes[pass].path.is_none() => {}
                 Moment::Passing { pass, stamp_s } => {
                     passages[pass].looks.push(Look { stamp_s, moved_px });
                 }

@@ -95,8 +95,8 @@ impl Outcome {
             }
             if left_out > 0 {
                 warnings::raise(format!(
-                    "`{}`: {left_out} of {} passes left out, which disagree with the others or \
-                     have too few images",
+                    "`{}`: {left_out} of {} passes left out, because they disagree with the \
+                     others, have too few images, or the station's clock jumped",
                     row.name,
                     passes + left_out
                 ));

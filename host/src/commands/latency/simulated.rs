@@ -105,7 +105,11 @@ impl Bench for Simulated {
         Ok(())
     }
 
-    fn pass(&mut self, position_mm: [f64; 3], see: &mut See<'_>) -> Result<(Path, f64), Failure> {
+    fn pass(
+        &mut self,
+        position_mm: [f64; 3],
+        see: &mut See<'_>,
+    ) -> Result<Option<(Path, f64)>, Failure> {
         self.send(position_mm)?;
         let start_us = self.twin.now().micros();
         let mut path = Path::default();
@@ -118,7 +122,7 @@ impl Bench for Simulated {
                 (moved_us, last_mm) = (now_us, at_mm);
             }
             if now_us - moved_us >= AFTER_US || now_us - start_us >= LONGEST_US {
-                return Ok((path, 0.0));
+                return Ok(Some((path, 0.0)));
             }
             if self.tick() {
                 self.shoot(see)?;

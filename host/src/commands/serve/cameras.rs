@@ -27,7 +27,7 @@ pub fn run(
     recording: PageRecording,
 ) -> Result<(), Failure> {
     let rig_path = options.rig.clone().unwrap_or_default();
-    let devices = cameras::per_camera(devices, rig, &rig_path)?;
+    let devices = cameras::per_camera(devices, options.station.name(), (rig, &rig_path))?;
     let is_real = options.station.is_given();
     let (stage, mounting) = live::stage((is_real, options.fixed), rig, &rig_path)?;
     // Open all cameras before the station, so that nothing moves if one is missing.

@@ -45,7 +45,7 @@ pub fn run(
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let rig = options.read_rig(rig_path)?;
-    let devices = cameras::per_camera(devices, &rig, rig_path)?;
+    let devices = cameras::per_camera(devices, options.station.name(), (&rig, rig_path))?;
     let is_real = options.station.is_given();
     let stage = stage((is_real, options.fixed), &rig, rig_path)?;
     follow(options, &devices, (&rig, rig_path), stage, out)

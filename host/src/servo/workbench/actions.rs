@@ -11,6 +11,7 @@ use trinocular_client::{StationError, diagnosis};
 use trinocular_core::frame::message::{Command, Denial, Status};
 use trinocular_core::safety::{State, Trust};
 use trinocular_live::controls::{Action, Reply};
+use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::Stage;
 
 /// Refusal of a motion while another is under way.
@@ -54,10 +55,14 @@ impl<B: Bench> Workbench<B> {
             }
             Action::Reset {} => self.begin_reset(Some(reply), by),
             Action::Follow { on: true } if self.servo.is_none() => match self.begin() {
-                Ok(()) => self.starting = Some(reply),
+                Ok(()) => {
+                    self.starting = Some(reply);
+                    self.note_deed("following started", by);
+                }
                 refused => reply.send(refused),
             },
             Action::Mark { text } => {
+                let text = printable(&text);
                 reply.send(Ok(()));
                 self.recording.event("mark", &text);
                 self.hub.mark(text);
@@ -95,13 +100,11 @@ impl<B: Bench> Workbench<B> {
         Command::Home { axes }
     }
 
-    /// Notes in the recording what was done, and by whom; on the pages if it was none of them.
+    /// Notes on all pages and in the recording what was done, and by whom.
     fn note_deed(&self, what: &str, by: &str) {
         let deed = format!("{what}, by {by}");
         self.recording.event("page", &deed);
-        if by != PAGE {
-            self.hub.note(deed);
-        }
+        self.hub.note(deed);
     }
 
     fn begin_reset(&mut self, reply: Option<Reply>, by: &'static str) {
@@ -129,7 +132,7 @@ impl<B: Bench> Workbench<B> {
             }
             Action::Follow { on: false } if self.servo.is_some() => {
                 self.end_following("following was ended".to_owned());
-                self.hub.note("following ended");
+                self.note_deed("following ended", by);
                 // A stop and a reset: the stage comes to rest instead of running on to its
                 // prediction, and is ready again.
                 let stopped = self.send("stop", Command::Stop)?;
@@ -151,13 +154,7 @@ impl<B: Bench> Workbench<B> {
             }
             Action::Jog { distance_um } => return self.jog(distance_um),
             Action::Go { position_um } => return self.go(position_um),
-            Action::Zero {} => {
-                let outcome = self.drive("zero", Command::Zero)?;
-                if outcome.is_ok() {
-                    self.hub.note("zero is here");
-                }
-                return Ok(outcome);
-            }
+            Action::Zero {} => return self.drive("zero", Command::Zero),
             Action::Home {} => return self.drive("home", self.homing()),
             Action::MotorsOn {} => return self.drive("motors", Command::Motors { on: true }),
             // Following is as it should be already; the others have their own ways.
