@@ -69,20 +69,16 @@ fn delays_are_written_and_compared() {
     // The simulation has the rig file's delays unless it gets others.
     let same = run(desk.path(), sim);
     assert_eq!((same.code, same.stderr.as_str()), (Some(0), ""));
+    assert!(!same.stdout.contains("differ"), "{}", same.stdout);
     let changed = run(desk.path(), &format!("{sim} --camera-delay=4,9,-12 --json"));
     let found = &changed.good_json()[0];
+    let warning = changed.stderr.as_str();
     assert!(
-        changed
-            .stderr
-            .starts_with("warning: `middle` has a delay of 9.0"),
-        "{}",
-        changed.stderr
+        warning.starts_with("warning: `middle` has a delay of "),
+        "{warning}"
     );
-    assert!(
-        changed.stderr.contains("but the rig file says 7.5"),
-        "{}",
-        changed.stderr
-    );
+    assert!(warning.contains("but the rig file says 7."), "{warning}");
+    assert_eq!(warning.lines().count(), 1, "{warning}");
     let flags = found["cameras"].as_array().expect("cameras").iter();
     let flags: Vec<_> = flags.map(|camera| camera["changed"].as_bool()).collect();
     assert_eq!(flags, [Some(false), Some(true), Some(false)]);
@@ -130,7 +126,7 @@ fn impossible_runs_are_refused() {
             2,
             "left, middle, right",
         ),
-        ("--sim --rig rig.toml --depth 1", 2, "--depth is 1 mm"),
+        ("--sim --rig rig.toml --noise 999", 2, "--noise is 999"),
         ("--sim --rig cameras.toml", 1, "[stage]"),
         ("--sim --rig rig.toml --out rig.toml", 1, "rig.toml"),
         ("--sim --rig short.toml", 2, "soft limits are -3 to 9 mm"),

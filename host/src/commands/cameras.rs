@@ -108,7 +108,7 @@ pub fn delays_us(delay_ms: Option<f64>, rig: &RigFile) -> Vec<i64> {
 }
 
 /// Returns the delay of a camera's time stamps in the rig file, ms; 0 if it states none.
-pub fn delay_ms_of(rig: &RigFile, index: usize) -> f64 {
+fn delay_ms_of(rig: &RigFile, index: usize) -> f64 {
     let capture = rig.capture.get(index);
     capture.and_then(|capture| capture.delay_ms).unwrap_or(0.0)
 }

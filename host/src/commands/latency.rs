@@ -151,7 +151,7 @@ trait Bench {
 }
 
 /// Receiver of images: camera, stamp, s, and image.
-type See<'a> = dyn FnMut(usize, f64, &Image) -> Result<(), Failure> + 'a;
+type See<'a> = dyn FnMut(usize, f64, &Image) + 'a;
 
 /// Runs the command.
 pub fn run(options: &LatencyOptions, out: &mut impl Write) -> Result<(), Failure> {
@@ -202,7 +202,6 @@ fn observe(
     let mut first: Vec<Option<Image>> = vec![None; rig.names.len()];
     bench.rest(1, &mut |camera, _, image| {
         first[camera] = Some(image.clone());
-        Ok(())
     })?;
     let images = first.into_iter().flatten().collect();
     let keyframe = FrameSet { time_us: 0, images };
@@ -210,7 +209,6 @@ fn observe(
     check_cameras(rig, &keyframe)?;
     bench.rest(AT_REST - 1, &mut |camera, _, image| {
         observed.at_rest(camera, image);
-        Ok(())
     })?;
     let at = |axis: usize, share: f64| {
         let mut position_mm = centre_mm;
@@ -223,7 +221,6 @@ fn observe(
             let pass = observed.begin_pass(axis);
             let passed = bench.pass(at(axis, share), &mut |camera, stamp_s, image| {
                 observed.passing(camera, pass, stamp_s, image);
-                Ok(())
             })?;
             if let Some((path, clock_ms)) = passed {
                 observed.end_pass(pass, path, clock_ms);

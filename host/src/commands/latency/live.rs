@@ -106,7 +106,7 @@ impl Live {
                 continue;
             }
             for image in &set.images {
-                see(index, stamp_us as f64 * 1e-6, image)?;
+                see(index, stamp_us as f64 * 1e-6, image);
             }
         }
         Ok(())
@@ -131,9 +131,8 @@ impl Bench for Live {
         while seen.iter().any(|seen| *seen < count) {
             self.look(from_us, &mut |camera, stamp_s, image| {
                 seen[camera] += 1;
-                match seen[camera] <= count {
-                    true => see(camera, stamp_s, image),
-                    false => Ok(()),
+                if seen[camera] <= count {
+                    see(camera, stamp_s, image);
                 }
             })?;
         }

@@ -117,8 +117,13 @@ impl Outcome {
         }
     }
 
-    /// Returns the largest difference between two cameras' delays, ms, if it is certain.
+    /// Returns the largest difference between two cameras' delays, ms, if it is certain and the rig
+    /// file does not have these delays.
     fn difference_ms(&self) -> Option<f64> {
+        let is_known = |row: &Row| row.file_ms.is_some() && row.changed_from_ms().is_none();
+        if self.rows.iter().all(is_known) {
+            return None;
+        }
         let delays = || self.rows.iter().map(|row| row.latency.delay_ms);
         let least_ms = delays().fold(f64::INFINITY, f64::min);
         let greatest_ms = delays().fold(f64::NEG_INFINITY, f64::max);
