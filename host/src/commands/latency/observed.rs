@@ -1,4 +1,4 @@
-//! What the cameras saw of the stage's passes.
+//! Passes of the stage, as the cameras saw them.
 
 use crate::commands::failure::Failure;
 use trinocular_rig::rig_file::RigFile;

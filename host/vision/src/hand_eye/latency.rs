@@ -13,8 +13,8 @@
 //! stage). Neither lens, depth nor the matrix of the rig file is used, and no other camera.
 //!
 //! The standard deviation is the larger one of two: that by the residuals, and that by the scatter
-//! of the delays that the passes have each for themselves. To it comes the uncertainty of the
-//! station's clock, which is common to all passes and cameras.
+//! of the delays of the single passes. The uncertainty of the station's clock, which is common to
+//! all passes and cameras, is added to it.
 
 mod sums;
 
@@ -24,15 +24,13 @@ use serde::Serialize;
 use std::ops::RangeInclusive;
 use sums::Fit;
 use thiserror::Error;
+use trinocular_rig::rig_file::capture::DELAY_MS;
 
 /// Delays that are tried, ms. A result outside the range of a rig file's `delay_ms` is refused.
 const SCAN_MS: RangeInclusive<i32> = -120..=320;
 
 /// Step of the scan, ms: the residuals change little over it.
 const SCAN_STEP_MS: usize = 4;
-
-/// Delays that cameras have, ms.
-const POSSIBLE_MS: RangeInclusive<f64> = -100.0..=300.0;
 
 /// Number of Gauss-Newton steps.
 const STEPS: usize = 10;
@@ -153,7 +151,7 @@ pub enum Refusal {
     #[error(
         "its delay would be {delay_ms:.1} ms, but a camera's is {} to {} ms: is the [stage] of the \
          rig file right, and does the stage start at once?",
-        POSSIBLE_MS.start(), POSSIBLE_MS.end()
+        DELAY_MS.start(), DELAY_MS.end()
     )]
     Impossible {
         /// The delay, ms.
@@ -170,8 +168,10 @@ pub enum Refusal {
     },
 }
 
-/// Fits the delay of one camera's time stamps. `noise_px` is the standard deviation of the points'
-/// mean motion at rest, `clock_ms` the bound of the error of the station's clock.
+/// Fits the delay of one camera's time stamps, -100 to 300 ms. `noise_px` is the standard deviation
+/// of the points' mean motion at rest, `clock_ms` the bound of the error of the station's clock.
+/// The error is that of the stated sigma (test `delay_is_found_within_four_sigma`), which is at most
+/// 1 ms.
 ///
 /// # Errors
 /// [`Refusal`].
@@ -200,7 +200,7 @@ pub fn latency(passages: &[Passage<'_>], noise_px: f64, clock_ms: f64) -> Result
         });
     }
     let delay_ms = 1e3 * fit.delay_s;
-    if !POSSIBLE_MS.contains(&delay_ms) {
+    if !DELAY_MS.contains(&delay_ms) {
         return Err(Refusal::Impossible { delay_ms });
     }
     let count = own_ms.len() as f64;

@@ -12,7 +12,7 @@ const SCALES: [[f64; 2]; 2] = [[0.62, 0.05], [-0.05, 0.61]];
 /// Passes of 10 mm in 0.25 s along x and y, and the images of each at 60 per second.
 struct Bench {
     paths: Vec<Path>,
-    /// What the stage does later than its path says, pass by pass, s.
+    /// Lag of the stage behind its path, pass by pass, s.
     slips_s: [f64; 8],
     noise_px: f64,
     /// Motion of the target itself, px/s.

@@ -4,8 +4,8 @@
 //! [matching](super::matching). A call for the next frame set returns the newest; older ones that
 //! no call has taken are dropped and counted.
 //!
-//! The capture time is the camera's [time stamp](super::stamp) less the camera's delay. An image of unknown time, or of a time before the start, counts as stale and is not
-//! used.
+//! The capture time is the [time stamp](super::stamp) less the delay of its camera. An image of
+//! unknown time, or of a time before the start, counts as stale and is not used.
 //!
 //! A camera that is lost or silent is left out as long as two others run: its images are
 //! [`Image::missing`].
