@@ -28,7 +28,11 @@ impl Bench {
                 let time_s = 3.0 * pass as f64 + f64::from(ms) * 1e-3;
                 let share = (f64::from(ms) / 250.0).min(1.0);
                 let along = 5.0 * (share * std::f64::consts::PI).cos();
-                let along = if pass % 2 == 0 { -along } else { along };
+                let along = if pass.is_multiple_of(2) {
+                    -along
+                } else {
+                    along
+                };
                 let mut place_mm = [0.0; 3];
                 place_mm[pass / 4] = along;
                 path.push(time_s, place_mm);
