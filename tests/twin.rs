@@ -279,7 +279,7 @@ fn simulated_cameras_follow_target() {
 }
 
 /// Starts to track with cameras that the station triggers ten times per second.
-fn track_triggered(twin: &Twin, cameras: &str) -> Child {
+fn track_triggered(twin: &Twin) -> Child {
     let mut rig = RigFile::paper();
     rig.stage = Some(default_stage());
     rig.trigger = Some(Trigger {
@@ -291,7 +291,7 @@ fn track_triggered(twin: &Twin, cameras: &str) -> Child {
     let path = twin.folder.path().join("triggered.toml");
     std::fs::write(path, rig.to_toml()).expect("it is ours");
     let words = format!(
-        "track --cameras {cameras} --rig triggered.toml --json --seconds 12 --port {} {}",
+        "track --cameras twin --rig triggered.toml --json --seconds 12 --port {} {}",
         twin.port,
         HEARTBEAT.join(" ")
     );
@@ -328,8 +328,8 @@ fn times_of_triggers(mut track: Child, mut at_row: impl FnMut(usize)) -> String 
 /// is lost and one that comes twice are named.
 #[test]
 fn missed_and_doubled_images_are_named() {
-    let (mut twin, cameras) = bench("line");
-    let track = track_triggered(&twin, &cameras);
+    let mut twin = bench("line");
+    let track = track_triggered(&twin);
     let text = times_of_triggers(track, |n| match n {
         5 => twin.order("miss"),
         15 => twin.order("double"),
@@ -343,7 +343,7 @@ fn missed_and_doubled_images_are_named() {
         assert!(text.contains(part), "{part}: {text}");
     }
     let refused = twin.run(&format!(
-        "track --cameras {cameras} --rig triggered.toml --delay 4 {}",
+        "track --cameras twin --rig triggered.toml --delay 4 {}",
         HEARTBEAT.join(" ")
     ));
     refused.failed(2, &["--delay", "[trigger]"]);
@@ -354,8 +354,8 @@ fn missed_and_doubled_images_are_named() {
 /// ended in a fault of unstable following.
 #[test]
 fn station_that_stands_still_is_followed() {
-    let (twin, cameras) = bench("line");
-    let track = track_triggered(&twin, &cameras);
+    let twin = bench("line");
+    let track = track_triggered(&twin);
     times_of_triggers(track, |n| {
         if n % 6 == 3 {
             suspend(&twin.program);

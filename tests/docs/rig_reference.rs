@@ -76,7 +76,7 @@ fn replaced(field: &str, line: &str) -> String {
     document.to_string()
 }
 
-const CAMERA: [&str; 18] = [
+const CAMERA: [&str; 19] = [
     "name",
     "focal_px",
     "principal_px",
@@ -84,6 +84,7 @@ const CAMERA: [&str; 18] = [
     "distortion",
     "rotation_deg",
     "device",
+    "delay_ms",
     "exposure_us",
     "gain",
     "pixel_format",

@@ -97,7 +97,7 @@ fn start() -> Bench {
     let live = LiveCameras::start(
         cameras.collect(),
         Duration::from_millis(5),
-        0,
+        &[],
         Arc::new(AtomicBool::new(false)),
         move |loss: &InputError| {
             println!("{loss}");

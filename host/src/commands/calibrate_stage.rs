@@ -1,7 +1,6 @@
 //! `trinocular calibrate-stage`: measures the hand-eye matrix from images taken along the stage's
 //! axes.
 
-mod driven;
 mod live;
 mod real;
 mod simulated;
@@ -10,6 +9,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use super::by_hand::{AxisName, StageArgument};
+use super::driven::{Driven, within_travel};
 use super::scene::SceneOptions;
 use crate::commands::failure::Failure;
 use clap::{ArgGroup, Args};
@@ -34,7 +34,8 @@ use trinocular_vision::images::FrameSet;
 /// cameras' rotation, a reversed axis, and an error of steps_per_mm.
 ///
 /// The stage then passes the target, and the command measures the delay of the cameras' time
-/// stamps, for `track --delay`; not with --images, which have none.
+/// stamps, for `track --delay`, or what is left of it beyond the rig file's `delay_ms`; not with
+/// --images, which have none. `latency` measures the delay of each camera.
 ///
 /// With --port the station must know its position (`home` or `zero`). The images come from live
 /// --cameras, or the operator puts a frame set into --images at every stop, when the program asks
@@ -206,7 +207,7 @@ pub fn run(options: &CalibrateStageOptions, out: &mut impl Write) -> Result<(), 
     let mut bench: Box<dyn StageBench> = match &options.port {
         None => Box::new(simulated::bench(options, &rig, &stage)?),
         Some(port) => {
-            let driven = || driven::Driven::connect(options, port, &stage);
+            let driven = || Driven::connect(&options.stage, port, &stage);
             match (&options.cameras, &options.images) {
                 (Some(devices), _) => {
                     Box::new(live::bench(options, devices, &rig, &stage, driven)?)
@@ -229,7 +230,9 @@ pub fn run(options: &CalibrateStageOptions, out: &mut impl Write) -> Result<(), 
         super::json::line(out, &object)?;
     } else {
         print(options, &samples, &fit, &stage, out)?;
-        print_delay(delay.as_ref(), out)?;
+        let is_corrected =
+            options.cameras.is_some() && rig.capture.iter().any(|it| it.delay_ms.is_some());
+        print_delay(delay.as_ref(), is_corrected, out)?;
     }
     Ok(())
 }
@@ -241,7 +244,7 @@ fn measure(
     bench: &mut dyn StageBench,
 ) -> Result<(Vec<Sample>, Fit, Option<Delay>), Failure> {
     let centre_mm = bench.position_mm()?;
-    within_travel(options, stage, centre_mm)?;
+    within_travel(stage, centre_mm, [FARTHEST * options.reach; 3])?;
     let stops = stops(centre_mm, options.reach);
     let looks = stops.iter().filter(|stop| stop.looks).count();
     let mut watch = None;
@@ -303,8 +306,19 @@ fn measure_delay(
         .map_err(|refusal| Failure::Images(refusal.to_string()))
 }
 
-fn print_delay(delay: Option<&Delay>, out: &mut impl Write) -> Result<(), Failure> {
+/// Prints the delay. `is_corrected` is true if the rig file's delays have been taken off.
+fn print_delay(
+    delay: Option<&Delay>,
+    is_corrected: bool,
+    out: &mut impl Write,
+) -> Result<(), Failure> {
     match delay {
+        Some(delay) if is_corrected => writeln!(
+            out,
+            "{:>16}: {:.2} ms ± {:.2} beyond the rig file's `delay_ms`, from {} images of the \
+             moving stage; `trinocular latency` measures each camera's",
+            "cameras' delay", delay.delay_ms, delay.sigma_ms, delay.pictures
+        )?,
         Some(delay) => writeln!(
             out,
             "{:>16}: {:.2} ms ± {:.2}, from {} images of the moving stage: use \
@@ -316,26 +330,6 @@ fn print_delay(delay: Option<&Delay>, out: &mut impl Write) -> Result<(), Failur
             "{:>16}: not measured: the images of --images have no time stamps",
             "cameras' delay"
         )?,
-    }
-    Ok(())
-}
-
-fn within_travel(
-    options: &CalibrateStageOptions,
-    stage: &Stage,
-    centre_mm: [f64; 3],
-) -> Result<(), Failure> {
-    let farthest = FARTHEST * options.reach;
-    for axis in 0..3 {
-        let [least, greatest] = stage.travel_mm[axis];
-        let centre = centre_mm[axis];
-        if centre - farthest < least || centre + farthest > greatest {
-            let name = ['x', 'y', 'z'][axis];
-            return Err(Failure::Usage(format!(
-                "{name} is at {centre:.3} mm and would go {farthest:.3} mm either way, but its \
-                 soft limits are {least} to {greatest} mm: move it, or take a shorter --reach"
-            )));
-        }
     }
     Ok(())
 }

@@ -5,6 +5,7 @@ mod genicam;
 mod gstreamer;
 
 use crate::commands::failure::Failure;
+use crate::commands::range;
 use std::path::{Path, PathBuf};
 use trinocular_client::ports;
 use trinocular_live::DropSource;
@@ -92,6 +93,45 @@ fn refuse_doubles(devices: &[PathBuf], names: &[String]) -> Result<(), Failure> 
         }
     }
     Ok(())
+}
+
+/// Returns true if a camera stamps its images by a clock of its own, which is compared with the
+/// computer's.
+pub fn have_own_clock(devices: &[PathBuf]) -> bool {
+    devices.iter().any(|device| genicam::is_one(device))
+}
+
+/// Returns the delay of each camera's time stamps, µs: `delay_ms`, or else that of the rig file.
+pub fn delays_us(delay_ms: Option<f64>, rig: &RigFile) -> Vec<i64> {
+    let cameras = 0..rig.names.len();
+    let delays_ms = cameras.map(|index| delay_ms.unwrap_or_else(|| delay_ms_of(rig, index)));
+    delays_ms.map(|ms| (ms * 1e3).round() as i64).collect()
+}
+
+/// Returns the delay of a camera's time stamps in the rig file, ms; 0 if it states none.
+fn delay_ms_of(rig: &RigFile, index: usize) -> f64 {
+    let capture = rig.capture.get(index);
+    capture.and_then(|capture| capture.delay_ms).unwrap_or(0.0)
+}
+
+/// Returns the delay of each simulated camera's time stamps, ms: one for all, one of each, or else
+/// those of the rig file.
+pub fn per_camera_delays_ms(given_ms: Option<&[f64]>, rig: &RigFile) -> Result<Vec<f64>, Failure> {
+    let count = rig.names.len();
+    for delay_ms in given_ms.unwrap_or_default() {
+        range::check_delay("camera-delay", *delay_ms)?;
+    }
+    match given_ms {
+        None => Ok((0..count).map(|index| delay_ms_of(rig, index)).collect()),
+        Some([all_ms]) => Ok(vec![*all_ms; count]),
+        Some(each_ms) if each_ms.len() == count => Ok(each_ms.to_vec()),
+        Some(other_ms) => Err(Failure::Usage(format!(
+            "--camera-delay has {} values, must have one, or one for each of the {count} cameras: \
+             {}",
+            other_ms.len(),
+            rig.names.join(", ")
+        ))),
+    }
 }
 
 /// Opens the cameras, in the rig's order, and then prints the formats of real cameras.

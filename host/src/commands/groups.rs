@@ -29,6 +29,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
             "align",
             "verify",
             "calibrate-stage",
+            "latency",
         ],
     ),
     (

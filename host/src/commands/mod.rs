@@ -19,7 +19,7 @@ mod convert;
 mod csv_rows;
 mod destination;
 mod diagnose;
-
+mod driven;
 mod estimate;
 mod experiment;
 mod export;
@@ -33,6 +33,7 @@ mod home;
 mod init;
 mod jog;
 mod json;
+mod latency;
 mod list_cameras;
 mod live_page;
 mod man;
@@ -52,6 +53,7 @@ mod robustness;
 mod scene;
 mod serve;
 mod simulate;
+mod stage_model;
 mod status;
 mod stop;
 mod tables;
@@ -126,6 +128,7 @@ enum Command {
     Home(home::HomeOptions),
     Init(init::InitOptions),
     Jog(jog::JogOptions),
+    Latency(latency::LatencyOptions),
     Man(man::ManOptions),
     Motors(motors::MotorsOptions),
     Ports(ports::PortsOptions),
@@ -145,10 +148,10 @@ enum Command {
 
 /// Runs the command; results go to `out`, one line at a time.
 pub fn run(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
-    use Command::{CalibrateStage, Home, Jog};
+    use Command::{CalibrateStage, Home, Jog, Latency};
     let waits_for_rest = matches!(
         arguments.command,
-        Some(Jog(_) | Home(_) | CalibrateStage(_))
+        Some(Jog(_) | Home(_) | CalibrateStage(_) | Latency(_))
     );
     let outcome = run_any(arguments, out);
     let is_done = outcome.as_ref().err().is_none_or(Failure::is_closed_output);
@@ -180,6 +183,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Home(options)) => home::run(&options, out),
         Some(Command::Init(options)) => init::run(&options, out),
         Some(Command::Jog(options)) => jog::run(&options, out),
+        Some(Command::Latency(options)) => latency::run(&options, out),
         Some(Command::Man(options)) => man::run(&options, out),
         Some(Command::Motors(options)) => motors::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),

@@ -131,16 +131,16 @@ pub struct ServeOptions {
     #[arg(long, value_name = "MS", requires = "cameras", help_heading = CAMERAS)]
     window: Option<f64>,
 
-    /// Delay from the middle of the exposure to the image's time stamp, ms, as for `track`
+    /// Delay from the middle of the exposure to the image's time stamp, ms, of all cameras, as for
+    /// `track` [default: the rig file's `delay_ms`, or 0]
     #[arg(
         long,
         value_name = "MS",
-        default_value_t = 0.0,
         allow_negative_numbers = true,
         requires = "cameras",
         help_heading = CAMERAS
     )]
-    delay: f64,
+    delay: Option<f64>,
 
     /// The cameras stand beside the stage, which copies the target's motion
     #[arg(long, requires = "cameras", help_heading = CAMERAS)]
@@ -202,7 +202,7 @@ pub fn run(options: &ServeOptions, _: &mut impl Write) -> Result<(), Failure> {
     range::check("seconds", options.seconds.unwrap_or(1.0), 0.1, 1e6)?;
     let (window_ms, widest_ms) = (options.window_ms(), 500.0 / options.fps);
     range::check("window", window_ms, 0.0, widest_ms)?;
-    range::check("delay", options.delay, -100.0, 300.0)?;
+    range::check_delay("delay", options.delay.unwrap_or(0.0))?;
     // The page's port first, so that nothing moves if it is in use.
     let listener = Server::listen(options.listen, options.control).map_err(Failure::of_page)?;
     let rig = match &options.rig {

@@ -167,23 +167,24 @@ pub struct TrackOptions {
     #[arg(long, value_name = "MS", help_heading = CAMERAS)]
     window: Option<f64>,
 
-    /// Delay from the middle of the exposure to the image's time stamp, ms; negative if the stamp
-    /// comes first
+    /// Delay from the middle of the exposure to the image's time stamp, ms, of all cameras; negative
+    /// if the stamp comes first [default: the rig file's `delay_ms`, or 0]
     ///
-    /// The program prints the kind of a camera's stamp with its first image. For the end of the
-    /// image: half the exposure and the read-out. For its start: minus half the exposure; but
-    /// cameras on USB are stamped when their data begin to come, so half the exposure and the time
-    /// in between. For its arrival: half the exposure, read-out and transfer, 20 to 60 ms on USB.
+    /// `trinocular latency` measures it for each camera and writes it into the rig file. It follows
+    /// from the kind of the camera's stamp, which the program prints with its first image. For the
+    /// end of the image: half the exposure and the read-out. For its start: minus half the exposure;
+    /// but cameras on USB are stamped when their data begin to come, so half the exposure and the
+    /// time in between. For its arrival: half the exposure, read-out and transfer, 20 to 60 ms on
+    /// USB.
     /// While the stage moves, an error of the delay times the stage's speed is an error of
     /// position; at rest there is none.
     #[arg(
         long,
         value_name = "MS",
-        default_value_t = 0.0,
         allow_negative_numbers = true,
         help_heading = CAMERAS
     )]
-    delay: f64,
+    delay: Option<f64>,
 
     /// With --port: the cameras stand beside the stage, which copies the target's motion
     #[arg(long, help_heading = CAMERAS)]
@@ -313,8 +314,7 @@ impl TrackOptions {
         range::check("seconds", self.seconds.unwrap_or(1.0), 0.1, 3600.0)?;
         range::check("idle", self.idle.unwrap_or(1.0), 0.1, 1e6)?;
         range::check("window", self.window_ms(), 0.0, self.widest_window_ms())?;
-        // The station remembers where the stage was for half a second.
-        range::check("delay", self.delay, -100.0, 300.0)?;
+        range::check_delay("delay", self.delay.unwrap_or(0.0))?;
         range::check(
             "latency",
             self.latency.unwrap_or(0) as f64,
@@ -345,7 +345,7 @@ impl TrackOptions {
         let is_written = self.record.is_given() || self.report.is_given();
         goes_with("force", self.force, "--record and --report", is_written)?;
         goes_with("window", self.window.is_some(), "--cameras", is_live)?;
-        goes_with("delay", self.delay != 0.0, "--cameras", is_live)?;
+        goes_with("delay", self.delay.is_some(), "--cameras", is_live)?;
         let is_real = is_live && self.station.is_given();
         goes_with("fixed", self.fixed, "--cameras and --port", is_real)?;
         let is_from_files = source.images.is_some() || source.watch.is_some();

@@ -4,6 +4,7 @@ mod console;
 #[cfg(unix)]
 pub mod lab;
 
+use crate::commands::cameras::per_camera_delays_ms;
 use crate::commands::failure::Failure;
 use crate::commands::range;
 use crate::commands::scene::SceneOptions;
@@ -74,6 +75,18 @@ pub struct TwinOptions {
     )]
     fps: f64,
 
+    /// Delay of the images' time stamps, of all cameras or of each, ms [default: the rig file's
+    /// `delay_ms`, or 0]
+    #[arg(
+        long,
+        value_name = "MS,...",
+        allow_negative_numbers = true,
+        value_delimiter = ',',
+        requires = "with_target",
+        help_heading = LAB
+    )]
+    camera_delay: Option<Vec<f64>>,
+
     #[command(flatten, next_help_heading = LAB)]
     scene: SceneOptions,
 }
@@ -93,6 +106,7 @@ pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
     range::check("fps", options.fps, 1.0, 200.0)?;
     let rig = rig(options.rig.as_deref())?;
     let stage = rig.stage.clone().unwrap_or_else(default_stage);
+    let delays_ms = per_camera_delays_ms(options.camera_delay.as_deref(), &rig)?;
     let stop = super::by_hand::on_interrupt()?;
     // Drawing takes seconds; a port that exists answers.
     let scene = match options.with_target {
@@ -100,7 +114,8 @@ pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
         false => None,
     };
     let mut port = Port::open(options)?;
-    let mut lab = scene.map(|scene| lab(options, scene, &port)).transpose()?;
+    let start = |scene| lab(options, scene, delays_ms, &port);
+    let mut lab = scene.map(start).transpose()?;
     writeln!(out, "station simulated on {}; Ctrl-C ends it", port.name)?;
     out.flush()?;
     let mut twin = RealTimeTwin::power_on(&stage);
@@ -159,9 +174,15 @@ fn scene(options: &TwinOptions, rig: &RigFile) -> Result<Scene, Failure> {
 }
 
 #[cfg(unix)]
-fn lab(options: &TwinOptions, scene: Scene, port: &Port) -> Result<lab::Lab, Failure> {
+fn lab(
+    options: &TwinOptions,
+    scene: Scene,
+    delays_ms: Vec<f64>,
+    port: &Port,
+) -> Result<lab::Lab, Failure> {
     let setup = lab::LabSetup {
         scene,
+        delays_ms,
         seed: options.scene.seed,
         path: options.path,
         fps: options.fps,
@@ -170,7 +191,7 @@ fn lab(options: &TwinOptions, scene: Scene, port: &Port) -> Result<lab::Lab, Fai
 }
 
 #[cfg(not(unix))]
-fn lab(_: &TwinOptions, _: Scene, _: &Port) -> Result<NoLab, Failure> {
+fn lab(_: &TwinOptions, _: Scene, _: Vec<f64>, _: &Port) -> Result<NoLab, Failure> {
     let reason = "--with-target needs local sockets, which this system does not have";
     Err(Failure::Usage(reason.to_owned()))
 }

@@ -106,6 +106,7 @@ impl RealTimeTwin {
         // No earlier: they may have been sent a moment ago.
         if !received.is_empty() {
             hardware.receive(received);
+            hardware.run_until(StationInstant::from_micros(end_us));
         }
         let packets = hardware.to_host.drain(..);
         packets.flat_map(|(_, bytes)| bytes).collect()

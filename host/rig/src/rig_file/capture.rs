@@ -1,10 +1,11 @@
-//! Device and capture settings of a camera in the rig file: which camera it is, and how a GenICam
-//! camera (GigE Vision, USB3 Vision) is set up.
+//! Device and capture settings of a camera in the rig file: which camera it is, the delay of its
+//! time stamps, and how a GenICam camera (GigE Vision, USB3 Vision) is set up.
 //!
 //! The camera's own ranges are known only when it is open. [`fault`] then names the line of a value
 //! that the camera does not take.
 
 use std::fmt::Write as _;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
@@ -20,8 +21,9 @@ pub const GENICAM: &str = "genicam:";
 pub const GSTREAMER: &str = "gstreamer:";
 
 /// Fields of a camera that describe its device.
-pub(super) const KEYS: [&str; 12] = [
+pub(super) const KEYS: [&str; 13] = [
     "device",
+    "delay_ms",
     "exposure_us",
     "gain",
     "pixel_format",
@@ -50,11 +52,16 @@ pub const PIXEL_FORMATS: [&str; 8] = [
 /// Values of `trigger_mode`.
 const TRIGGER_MODES: [&str; 2] = ["Off", "On"];
 
+/// Range of `delay_ms`, ms. The station remembers where the stage was for half a second.
+pub const DELAY_MS: RangeInclusive<f64> = -100.0..=300.0;
+
 /// Device of a camera and its settings. A setting that is `None` stays as the camera has it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Capture {
     /// Name of the device: `genicam:SERIAL`, `gstreamer:PIPELINE`, or the path of a V4L2 device.
     pub device: Option<String>,
+    /// Delay from the middle of the exposure to the time stamp, ms, -100 to 300.
+    pub delay_ms: Option<f64>,
     /// Exposure time, µs, above 0 to 6e7.
     pub exposure_us: Option<f64>,
     /// Gain in the camera's unit, mostly dB, -100 to 1e5.
@@ -98,6 +105,7 @@ impl Capture {
         };
         let capture = Self {
             device: text("device")?,
+            delay_ms: within(table, "delay_ms", DELAY_MS)?,
             exposure_us: positive("exposure_us", 6e7)?,
             gain: within(table, "gain", -100.0..=1e5)?,
             pixel_format: word(table, "pixel_format", "pixel format", &PIXEL_FORMATS)?,
@@ -126,7 +134,7 @@ impl Capture {
 
     /// Returns the name of the first field that only a GenICam camera has.
     pub fn genicam_field(&self) -> Option<&'static str> {
-        let [_device, settings @ ..] = self.fields();
+        let [_device, _delay, settings @ ..] = self.fields();
         let set = settings.into_iter().find(|(_, value)| value.is_some());
         set.map(|(key, _)| key)
     }
@@ -137,6 +145,7 @@ impl Capture {
         let mode = self.trigger.map(|is_on| TRIGGER_MODES[usize::from(is_on)]);
         let values = [
             word(&self.device),
+            self.delay_ms.map(toml::Value::from),
             self.exposure_us.map(toml::Value::from),
             self.gain.map(toml::Value::from),
             word(&self.pixel_format),
@@ -166,7 +175,7 @@ impl Capture {
 fn within(
     table: &Field<'_>,
     key: &str,
-    range: std::ops::RangeInclusive<f64>,
+    range: RangeInclusive<f64>,
 ) -> Result<Option<f64>, InputError> {
     let Some(field) = table.optional(key)? else {
         return Ok(None);
@@ -246,7 +255,7 @@ mod tests {
     #[test]
     fn settings_survive_writing() {
         let file = with(
-            "device = \"genicam:GV01\"\nexposure_us = 1500\ngain = -3.5\n\
+            "device = \"genicam:GV01\"\ndelay_ms = -7.25\nexposure_us = 1500\ngain = -3.5\n\
              pixel_format = \"Mono12p\"\ntrigger_mode = \"On\"\ntrigger_source = \"Line1\"\n\
              trigger_activation = \"RisingEdge\"\npacket_size_bytes = 9000\n\
              packet_delay_us = 2.5\npacket_resend = false\nbandwidth_mb_s = 40\nptp = true",
@@ -268,6 +277,7 @@ mod tests {
     fn genicam_fields_are_told_from_the_device() {
         let device = Capture {
             device: Some("/dev/video0".to_owned()),
+            delay_ms: Some(12.5),
             ..Capture::default()
         };
         assert_eq!(device.genicam_field(), None);
@@ -281,6 +291,7 @@ mod tests {
     #[test]
     fn invalid_settings_are_refused() {
         for (line, words) in [
+            ("delay_ms = 301", "out of range (-100 to 300)"),
             ("exposure_us = 0", "greater than 0"),
             ("exposure_us = 1e9", "out of range"),
             ("gain = 1e6", "out of range (-100 to 100000)"),

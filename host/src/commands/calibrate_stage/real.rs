@@ -1,7 +1,7 @@
 //! A station on a port, and a folder in which frame sets appear.
 
-use super::driven::Driven;
 use super::{CalibrateStageOptions, StageBench};
+use crate::commands::driven::Driven;
 use crate::commands::failure::Failure;
 use crate::commands::warnings;
 use std::collections::BTreeSet;

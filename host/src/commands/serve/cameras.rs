@@ -34,8 +34,8 @@ pub fn run(
     let cameras = cameras::open(&devices, (rig, &rig_path), options.fps)?;
     let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
     let window = Duration::from_secs_f64(options.window_ms() * 1e-3);
-    let delay_us = (options.delay * 1e3).round() as i64;
-    let live = LiveCameras::start(cameras, window, delay_us, on_interrupt()?, tell)?;
+    let delays_us = cameras::delays_us(options.delay, rig);
+    let live = LiveCameras::start(cameras, window, &delays_us, on_interrupt()?, tell)?;
     let station = Station::open(options, &stage)?;
     let observer = recording.station_observer();
     let link = StationLink::start_observed(station.place(options), &stage, mounting, observer)

@@ -113,8 +113,8 @@ fn follow(
             LiveCameras::start_triggered(cameras, triggers, stop, tell, anomalies())?
         }
         None => {
-            let delay_us = (options.delay * 1e3).round() as i64;
-            LiveCameras::start(cameras, ms(options.window_ms()), delay_us, stop, tell)?
+            let delays_us = cameras::delays_us(options.delay, rig);
+            LiveCameras::start(cameras, ms(options.window_ms()), &delays_us, stop, tell)?
         }
     };
     let now_us = || live.now_us();

@@ -17,6 +17,7 @@ use trinocular_client::twin::real_time::{RealTimeTwin, Triggered};
 use trinocular_core::frame::message::Mounting;
 use trinocular_core::time::Instant as StationInstant;
 use trinocular_rig::error::InputError;
+use trinocular_vision::images::cameras::stamp::quickest;
 use trinocular_vision::images::cameras::stream::StreamHeader;
 use trinocular_vision::images::{FrameSet, Scene};
 
@@ -28,6 +29,8 @@ const LONGEST_NAME: u64 = 64;
 pub struct LabSetup {
     /// Poster before the cameras on the stage.
     pub scene: Scene,
+    /// Delay from an exposure to its time stamp, camera by camera, ms.
+    pub delays_ms: Vec<f64>,
     /// Seed of the noise.
     pub seed: u64,
     /// Motion of the poster.
@@ -59,6 +62,8 @@ struct Shot {
 pub struct Lab {
     shots: SyncSender<Shot>,
     started: Instant,
+    /// The start on the monotonic clock.
+    started_monotonic: Duration,
     period: Duration,
     /// Time at which the next image is due, while the cameras run freely.
     due: Duration,
@@ -88,6 +93,7 @@ impl Lab {
             seed: setup.seed,
             path: setup.path,
             period_s: 1.0 / setup.fps,
+            delays_ms: setup.delays_ms,
             target,
             listener,
             readers: Vec::new(),
@@ -96,9 +102,14 @@ impl Lab {
             .name("cameras".to_owned())
             .spawn(move || renderer.run(&orders))
             .map_err(failed)?;
+        let (started, started_monotonic) = quickest(|| {
+            let (before, at, started) = (Instant::now(), monotonic(), Instant::now());
+            (started - before, (started, at))
+        });
         Ok(Self {
             shots,
-            started: Instant::now(),
+            started,
+            started_monotonic,
             period: Duration::from_secs_f64(1.0 / setup.fps),
             due: Duration::ZERO,
             triggered: None,
@@ -145,7 +156,7 @@ impl Lab {
         let shot = Shot {
             number: self.taken,
             since: exposure.passed,
-            captured: monotonic().saturating_sub(exposure.at.elapsed()),
+            captured: self.started_monotonic + exposure.at.saturating_duration_since(self.started),
             cameras_mm: exposure.stage_mm,
             disturbance: self.disturbance.take(),
         };
@@ -182,7 +193,7 @@ struct Pictures {
 }
 
 /// Way to the thread that writes one camera's images to a program. A thread that still writes gets
-/// no further images than the one that waits: a slow or suspended program loses images, which it
+/// no further images than those that wait: a slow or suspended program loses images, which it
 /// counts by their numbers, and keeps its connection.
 type Reader = SyncSender<Arc<Pictures>>;
 
@@ -191,6 +202,7 @@ struct Renderer {
     seed: u64,
     path: TargetPath,
     period_s: f64,
+    delays_ms: Vec<f64>,
     target: Twin,
     listener: UnixListener,
     readers: Vec<Reader>,
@@ -223,12 +235,15 @@ impl Renderer {
     }
 
     fn receive_readers(&mut self) {
-        let cameras = self.scene.cameras();
+        let longest_ms = self.delays_ms.iter().copied().fold(0.0, f64::max);
+        // Images wait for their stamps, and one more for its turn.
+        let waiting = 1 + (longest_ms * 1e-3 / self.period_s).ceil() as usize;
         while let Ok((stream, _)) = self.listener.accept() {
-            let (reader, pictures) = sync_channel(1);
+            let (reader, pictures) = sync_channel(waiting);
+            let delays_ms = self.delays_ms.clone();
             let serve = move || {
                 // A program that has gone has its own error to report.
-                let _ = serve(stream, cameras, &pictures);
+                let _ = serve(stream, &delays_ms, &pictures);
             };
             let thread = std::thread::Builder::new().name("reader".to_owned());
             if thread.spawn(serve).is_ok() {
@@ -241,20 +256,29 @@ impl Renderer {
 /// Writes the images of the camera that a program names, until the program or the twin ends.
 fn serve(
     mut stream: UnixStream,
-    cameras: usize,
+    delays_ms: &[f64],
     pictures: &Receiver<Arc<Pictures>>,
 ) -> io::Result<()> {
     stream.set_nonblocking(false)?;
-    let Some(camera) = camera(&stream).filter(|camera| *camera < cameras) else {
+    let named = camera(&stream);
+    let named = named.and_then(|camera| Some((camera, *delays_ms.get(camera)?)));
+    let Some((camera, delay_ms)) = named else {
         return Ok(());
     };
+    let delay = Duration::from_secs_f64(delay_ms.abs() * 1e-3);
     while let Ok(pictures) = pictures.recv() {
         let Some(image) = pictures.images.images.get(camera) else {
             return Ok(());
         };
+        let stamp = match delay_ms < 0.0 {
+            true => pictures.shot.captured.saturating_sub(delay),
+            false => pictures.shot.captured + delay,
+        };
+        // No image arrives before its stamp.
+        std::thread::sleep(stamp.saturating_sub(monotonic()));
         let header = StreamHeader {
             number: pictures.shot.number,
-            captured: pictures.shot.captured,
+            captured: stamp,
             size_px: [image.width, image.height].map(|side| side as u16),
         };
         for header in headers(header, pictures.shot.disturbance.filter(|_| camera == 0)) {

@@ -57,7 +57,8 @@ impl Path {
         std::array::from_fn(|i| earlier.1[i] + share * (later.1[i] - earlier.1[i]))
     }
 
-    fn speed_mm_s(&self, time_s: f64) -> [f64; 3] {
+    /// Returns the velocity at a time, mm/s.
+    pub fn speed_mm_s(&self, time_s: f64) -> [f64; 3] {
         let (a, b) = (self.at(time_s - HALF_S), self.at(time_s + HALF_S));
         std::array::from_fn(|i| (b[i] - a[i]) / (2.0 * HALF_S))
     }

@@ -5,13 +5,17 @@
 //! camera axes: see [`fit`](mod@fit).
 //!
 //! * [`delay`](mod@delay): the delay of the cameras' time stamps, from images of a moving stage;
+//! * [`latency`](mod@latency): the delay of each camera's time stamps, from its own images alone;
+//! * [`pixel_motion`]: the motion of one camera's points;
 //! * [`fit`](mod@fit): the matrix and its standard deviations, from displacements at positions;
 //! * [`plan`]: the stops of the stage;
 //! * [`watch`]: displacements of later images against a keyframe;
-//! * [`rewrite`]: replacement of the matrix in the user's own rig file.
+//! * [`rewrite`]: replacement of matrix and delays in the user's own rig file.
 
 pub mod delay;
 pub mod fit;
+pub mod latency;
+pub mod pixel_motion;
 pub mod plan;
 pub mod rewrite;
 pub mod watch;

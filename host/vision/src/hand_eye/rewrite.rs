@@ -1,11 +1,12 @@
-//! Replacement of the matrix in the user's own rig file. All other text stays, comments included.
+//! Replacement of the matrix and of the cameras' delays in the user's own rig file. All other text
+//! stays, comments included.
 
 use std::path::Path;
 
-use toml_edit::Item;
+use toml_edit::{Item, Value};
 
 use trinocular_rig::error::InputError;
-use trinocular_rig::rig_file::edit::{edited, replace, rounded};
+use trinocular_rig::rig_file::edit::{camera, edited, replace, rounded};
 
 /// Reciprocal of the resolution of an element: a µm in a metre.
 const DECIMALS: f64 = 1e6;
@@ -25,6 +26,40 @@ pub fn with_matrix(file: &Path, text: &str, matrix: &[[f64; 3]; 3]) -> Result<St
         for (row, elements) in rows.iter_mut().zip(matrix) {
             if let Some(row) = row.as_array_mut() {
                 replace(row, elements.iter().map(|e| rounded(*e, DECIMALS)));
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Reciprocal of the resolution of a delay: 10 µs in a ms.
+const DELAY_DECIMALS: f64 = 1e2;
+
+/// Returns `text`, a rig file, with other delays of its cameras' time stamps, ms. Errors name
+/// `file`.
+///
+/// # Errors
+/// If the text is no rig file with cameras of these names, or the result would be none.
+pub fn with_delays<'a>(
+    file: &Path,
+    text: &str,
+    delays_ms: impl IntoIterator<Item = (&'a str, f64)>,
+) -> Result<String, InputError> {
+    edited(file, text, |document| {
+        for (name, delay_ms) in delays_ms {
+            let table = document.get_mut("camera");
+            let table = table.and_then(|cameras| camera(cameras, name));
+            let table =
+                table.ok_or_else(|| InputError::file(file, format!("has no camera `{name}`")))?;
+            let mut value = Value::from(rounded(delay_ms, DELAY_DECIMALS));
+            match table.get_mut("delay_ms").and_then(Item::as_value_mut) {
+                Some(old) => {
+                    *value.decor_mut() = old.decor().clone();
+                    *old = value;
+                }
+                None => {
+                    table.insert("delay_ms", Item::Value(value));
+                }
             }
         }
         Ok(())
@@ -62,6 +97,47 @@ mod tests {
              # y\n  [0.0, 0.25, 1.5],\n]\n",
         );
         assert_eq!(new, expected);
+    }
+
+    #[test]
+    fn only_the_delays_change() {
+        let file = Path::new("rig.toml");
+        let text = format!("# our bench\n{}", RigFile::paper().to_toml());
+        let text = text.replace(
+            "name = \"middle\"\n",
+            "name = \"middle\"\ndelay_ms = 7 # of May\n",
+        );
+        let delays_ms = [("left", -4.123), ("middle", 12.506)];
+        let new = with_delays(file, &text, delays_ms).expect("a rig file");
+        let lines: Vec<&str> = new
+            .lines()
+            .filter(|line| line.contains("delay_ms"))
+            .collect();
+        assert_eq!(lines, ["delay_ms = -4.12", "delay_ms = 12.51 # of May"]);
+        let kept = |text: &str| -> Vec<String> {
+            let lines = text.lines().filter(|line| !line.contains("delay_ms"));
+            lines.map(str::to_owned).collect()
+        };
+        assert_eq!(kept(&new), kept(&text));
+        let read = RigFile::parse(file, &new).expect("a rig file");
+        let delays: Vec<_> = read
+            .capture
+            .iter()
+            .map(|capture| capture.delay_ms)
+            .collect();
+        assert_eq!(delays, [Some(-4.12), Some(12.51), None]);
+    }
+
+    #[test]
+    fn cameras_in_one_line_get_delays() {
+        let file = Path::new("rig.toml");
+        let text = "image_size_px = [64, 48]\ncamera = [\n  { name = \"a\", focal_px = [60, 60], \
+                    principal_px = [31, 23], offset_mm = [0, 0] },\n  { name = \"b\", focal_px = \
+                    [60, 60], principal_px = [31, 23], offset_mm = [50, 0] }, # new\n]\n";
+        let new = with_delays(file, text, [("b", 1.5)]).expect("a rig file");
+        assert!(new.contains("delay_ms = 1.5 }, # new\n"), "{new}");
+        let other = with_delays(file, text, [("c", 1.5)]).expect_err("no such camera");
+        assert!(other.to_string().contains("no camera `c`"), "{other}");
     }
 
     #[test]

@@ -4,9 +4,9 @@
 //! [matching](super::matching). A call for the next frame set returns the newest; older ones that
 //! no call has taken are dropped and counted.
 //!
-//! The capture time is the camera's [time stamp](super::stamp) less a delay that is the same for
-//! all cameras. An image of unknown time, or of a time before the start, counts as stale and is not
-//! used. Of cameras that a station triggers it is the [trigger's instant](super::triggers).
+//! The capture time is the [time stamp](super::stamp) less the delay of its camera. An image of
+//! unknown time, or of a time before the start, counts as stale and is not used. Of cameras that a
+//! station triggers it is the [trigger's instant](super::triggers).
 //!
 //! A camera that is lost or silent is left out as long as two others run: its images are
 //! [`Image::missing`].
@@ -180,27 +180,24 @@ pub struct LiveCameras {
 
 impl LiveCameras {
     /// Starts the cameras, which are in the rig's order. Images within `window` of each other
-    /// belong to one instant; each was taken `delay_us` before its time stamp, or after it if that
-    /// is negative. The frame sets end when `stop` is set. `tell` is called with the reason when a
-    /// camera is lost while others carry on.
+    /// belong to one instant; each was taken its camera's delay in `delays_us` before its time
+    /// stamp, or after it if that is negative. A camera that `delays_us` does not reach has none.
+    /// The frame sets end when `stop` is set. `tell` is called with the reason when a camera is
+    /// lost while others carry on.
     ///
     /// # Errors
     /// [`InputError`] if a thread cannot be started.
     pub fn start<C: Camera>(
         cameras: Vec<C>,
         window: Duration,
-        delay_us: i64,
+        delays_us: &[i64],
         stop: Arc<AtomicBool>,
         tell: impl FnMut(&InputError) + 'static,
     ) -> Result<Self, InputError> {
         let started = Instant::now();
-        let delay = Duration::from_micros(delay_us.unsigned_abs());
-        let zero = match delay_us < 0 {
-            true => started.checked_sub(delay),
-            false => started.checked_add(delay),
+        let source = |camera: usize, _| TimeSource::Stamps {
+            zero: later(started, delays_us.get(camera).copied().unwrap_or(0)),
         };
-        let zero = zero.unwrap_or(started);
-        let source = |_, _| TimeSource::Stamps { zero };
         Self::start_with(started, cameras, window, stop, tell, source)
     }
 
@@ -375,6 +372,16 @@ impl LiveCameras {
             (state, _) = woken.unwrap_or_else(PoisonError::into_inner);
         }
     }
+}
+
+/// Returns the instant `by_us` after `at`, or before it if that is negative.
+fn later(at: Instant, by_us: i64) -> Instant {
+    let by = Duration::from_micros(by_us.unsigned_abs());
+    let moved = match by_us < 0 {
+        true => at.checked_sub(by),
+        false => at.checked_add(by),
+    };
+    moved.unwrap_or(at)
 }
 
 /// Source of the capture times of one camera's images.

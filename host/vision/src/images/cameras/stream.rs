@@ -6,7 +6,7 @@
 //! |---|---|
 //! | 4 | `TRIC` |
 //! | 4 | number of the image, counting every exposure |
-//! | 8 | capture time, ns on the computer's monotonic clock |
+//! | 8 | time stamp, ns on the computer's monotonic clock |
 //! | 2 + 2 | width and height, px |
 
 use super::live::{Camera, CameraEvent};
@@ -29,7 +29,7 @@ const HEADER: usize = 20;
 pub struct StreamHeader {
     /// Number of the exposure.
     pub number: u32,
-    /// Capture time on the computer's monotonic clock.
+    /// Time stamp on the computer's monotonic clock.
     pub captured: Duration,
     /// Width and height, px.
     pub size_px: [u16; 2],

@@ -39,10 +39,10 @@ struct Bench {
 const NAMES: [&str; 3] = ["/dev/left", "/dev/middle", "/dev/right"];
 
 fn bench() -> Bench {
-    bench_with(30_000)
+    bench_with([30_000; 3])
 }
 
-fn bench_with(delay_us: i64) -> Bench {
+fn bench_with(delays_us: [i64; 3]) -> Bench {
     let (senders, cameras) = NAMES
         .map(|name| {
             let (sender, shots) = channel();
@@ -55,7 +55,7 @@ fn bench_with(delay_us: i64) -> Bench {
     let window = Duration::from_millis(5);
     let (teller, told) = channel();
     let tell = move |loss: &InputError| teller.send(loss.to_string()).unwrap();
-    let live = LiveCameras::start(cameras, window, delay_us, Arc::clone(&stop), tell).unwrap();
+    let live = LiveCameras::start(cameras, window, &delays_us, Arc::clone(&stop), tell).unwrap();
     Bench {
         live,
         stop,
@@ -101,10 +101,26 @@ fn capture_time_is_mean_less_delay() {
     assert_eq!(capture.images, [image(0), image(1), image(2)]);
 }
 
+/// Images with equal stamps were taken at different instants if the delays differ.
+#[test]
+fn each_camera_has_its_own_delay() {
+    let mut bench = bench_with([30_000, 10_000, 20_000]);
+    for (camera, ms) in [(0, 130), (1, 110), (2, 120), (0, 163), (1, 163), (2, 163)] {
+        bench.send(camera, ms, ms as u8);
+    }
+    bench.settle([2; 3]);
+    let capture = bench.live.next().unwrap().unwrap();
+    assert_eq!(capture.time_us, 100_000);
+    assert_eq!(capture.images, [image(130), image(110), image(120)]);
+    bench.stop.store(true, Relaxed);
+    assert!(bench.live.next().is_none());
+    assert_eq!(bench.live.tallies()[0].matching.used, 1);
+}
+
 /// Tests a driver that stamps the start of the exposure.
 #[test]
 fn negative_delay_adds_to_stamp() {
-    let mut bench = bench_with(-8_000);
+    let mut bench = bench_with([-8_000; 3]);
     for camera in 0..3 {
         bench.send(camera, 100, 0);
     }

@@ -1,7 +1,6 @@
 //! A station on a port that goes from place to place.
 
-use super::super::by_hand::{Hand, PortArgument, why_it_stands};
-use super::CalibrateStageOptions;
+use super::by_hand::{Hand, PortArgument, StageArgument, why_it_stands};
 use crate::commands::failure::Failure;
 use trinocular_client::allowance::Allowance;
 use trinocular_client::stage::setpoint;
@@ -15,17 +14,13 @@ pub struct Driven {
 
 impl Driven {
     /// Connects, configures the station and starts the heartbeat.
-    pub fn connect(
-        options: &CalibrateStageOptions,
-        port: &str,
-        stage: &Stage,
-    ) -> Result<Self, Failure> {
+    pub fn connect(argument: &StageArgument, port: &str, stage: &Stage) -> Result<Self, Failure> {
         let port = PortArgument {
             port: port.to_owned(),
         };
         let mut hand = Hand::connect(&port)?;
         hand.ready_to_move("setpoint", true)?;
-        hand.configure(Some(stage), &options.stage)?;
+        hand.configure(Some(stage), argument)?;
         hand.start_heartbeat()?;
         Ok(Self {
             hand,
@@ -45,6 +40,18 @@ impl Driven {
             .map(|_| ())
     }
 
+    /// Sends the stage to a position, mm from zero; returns the control tick at which the command
+    /// took effect, if the station has said it.
+    pub fn begin(&mut self, position_mm: [f64; 3]) -> Result<Option<u32>, Failure> {
+        self.send(position_mm)?;
+        Ok(self.hand.serial().client().answered_tick())
+    }
+
+    /// Returns how often the station's clock has jumped against this computer's.
+    pub fn clock_jumps(&self) -> u32 {
+        self.hand.serial().client().clock().jumps()
+    }
+
     /// Waits until the stage stands; returns the position reached, mm from zero.
     pub fn arrive(&mut self) -> Result<[f64; 3], Failure> {
         let travel_mm = self
@@ -57,4 +64,25 @@ impl Driven {
         why_it_stands(&self.hand, rest)?;
         Ok(self.stage.in_mm(at_steps))
     }
+}
+
+/// Refuses to go `farthest_mm` either way along an axis, from a centre that has not as much room
+/// within the soft limits.
+pub fn within_travel(
+    stage: &Stage,
+    centre_mm: [f64; 3],
+    farthest_mm: [f64; 3],
+) -> Result<(), Failure> {
+    for axis in 0..3 {
+        let [least, greatest] = stage.travel_mm[axis];
+        let (centre, farthest) = (centre_mm[axis], farthest_mm[axis]);
+        if farthest > 0.0 && (centre - farthest < least || centre + farthest > greatest) {
+            let name = ['x', 'y', 'z'][axis];
+            return Err(Failure::Usage(format!(
+                "{name} is at {centre:.3} mm and would go {farthest:.3} mm either way, but its \
+                 soft limits are {least} to {greatest} mm: move it, or take a shorter --reach"
+            )));
+        }
+    }
+    Ok(())
 }
