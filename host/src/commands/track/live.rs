@@ -66,7 +66,7 @@ fn triggering(options: &TrackOptions, rig: &RigFile) -> Result<Option<Triggering
         return Ok(None);
     }
     for (option, is_given) in [
-        ("--delay", options.delay != 0.0),
+        ("--delay", options.delay.is_some()),
         ("--window", options.window.is_some()),
     ] {
         if is_given {
