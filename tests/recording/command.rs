@@ -221,6 +221,52 @@ fn full_disk_ends_the_file_not_the_run() {
     );
 }
 
+/// Results of a whole run do not depend on its recording.
+#[cfg(unix)]
+#[test]
+fn full_disk_loses_no_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let text = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/step.toml"));
+    fs::write(folder.join("it.toml"), text.unwrap()).unwrap();
+    let under_limit = |blocks: u32, arguments: &str| {
+        let line = format!("ulimit -f {blocks}; exec \"$0\" {arguments} --record run.mcap --force");
+        let mut shell = std::process::Command::new("bash");
+        let program = trinocular().get_program().to_owned();
+        let outcome = Outcome::of(shell.args(["-c", &line]).arg(program).current_dir(folder));
+        outcome.failed_after_notes(1, &["run.mcap", "cannot write"]);
+        assert!(
+            outcome.stderr.contains("the run goes on"),
+            "{}",
+            outcome.stderr
+        );
+        outcome
+    };
+    let simulate = "simulate it.toml --report it.html --csv it.csv";
+    let table = under_limit(4096, simulate);
+    assert!(table.stdout.contains("it: "), "{}", table.stdout);
+    assert!(folder.join("it.html").exists(), "the page");
+    let rows = fs::read_to_string(folder.join("it.csv")).unwrap();
+    assert!(
+        rows.lines().count() > 1_000,
+        "{} rows",
+        rows.lines().count()
+    );
+    let json = under_limit(4096, "simulate it.toml --json");
+    assert_eq!(json.json()[0]["scenario"], "it");
+    let experiment = "--report all.html --figure all.svg --json";
+    let experiment = under_limit(4096, experiment);
+    assert_eq!(
+        experiment.json()[0]["stops"].as_array().map(Vec::len),
+        Some(5)
+    );
+    assert!(
+        folder.join("all.html").exists(),
+        "the page of the experiment"
+    );
+    assert!(folder.join("all.svg").exists(), "its figure");
+}
+
 #[test]
 fn other_files_are_refused_in_words() {
     let folder = tempfile::tempdir().unwrap();

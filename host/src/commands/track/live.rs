@@ -115,11 +115,9 @@ fn follow(
             tally.lost
         );
     }
-    let summary = recording.close(outcome)?;
-    notice!(
-        "{} of {} frame sets not used",
-        summary.refused,
-        summary.frames
-    );
-    Ok(())
+    if let Ok(summary) = &outcome {
+        let (refused, frames) = (summary.refused, summary.frames);
+        notice!("{refused} of {frames} frame sets not used");
+    }
+    recording.close(outcome).map(drop)
 }
