@@ -26,7 +26,6 @@ pub struct RecordingInput {
         long,
         value_name = "MS",
         default_value_t = TOLERANCE_US as f64 * 1e-3,
-        allow_negative_numbers = true,
         value_parser = tolerance
     )]
     tolerance: f64,
