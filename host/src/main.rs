@@ -8,7 +8,7 @@
 use std::io::{self, Write};
 use std::process::ExitCode;
 
-use clap::Parser as _;
+use clap::{CommandFactory as _, FromArgMatches as _};
 use commands::failure::Failure;
 use trinocular_rig::notice;
 
@@ -28,7 +28,10 @@ fn main() -> ExitCode {
 }
 
 fn run() -> Result<ExitCode, Failure> {
-    let arguments = match commands::Arguments::try_parse() {
+    let program = commands::numbers::with_negative_numbers(commands::Arguments::command());
+    let arguments = program.try_get_matches();
+    let arguments = arguments.and_then(|found| commands::Arguments::from_arg_matches(&found));
+    let arguments = match arguments {
         Ok(arguments) => arguments,
         Err(error) => return explain(commands::numbers::explained(error)),
     };

@@ -231,6 +231,7 @@ fn single_frame_set_is_refused() {
 fn missing_image_is_reported() {
     let moved = [[2.0, 2.0, 1.0], [3.0, 1.0, 1.0]];
     let desk = desk_with_views(&[AT_REST, Some(moved[0]), Some(moved[1])]);
+    let second = fs::read(desk.path("views/left/0001.pgm")).expect("it was drawn");
     fs::remove_file(desk.path("views/left/0001.pgm")).expect("it was there");
     let outcome = estimate(&desk, &["--json"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
@@ -251,6 +252,17 @@ fn missing_image_is_reported() {
     let outcome = estimate(&desk, &["--json", "--method", "closed-form"]);
     let refused = outcome.json()[0]["refused"].to_string();
     assert!(refused.contains(warning), "{refused}");
+    // A camera without an image of the keyframe is left out of every frame set, for that reason.
+    let first = fs::read(desk.path("views/left/0000.pgm")).expect("it was drawn");
+    fs::write(desk.path("views/left/0001.pgm"), second).expect("ours");
+    fs::remove_file(desk.path("views/left/0000.pgm")).expect("it was there");
+    let lines = estimate(&desk, &["--json"]).json();
+    let warning = "camera left gave no image for the keyframe; measured without it";
+    for line in &lines {
+        assert_eq!(line["warnings"][0], warning, "{line}");
+    }
+    fs::write(desk.path("views/left/0000.pgm"), first).expect("ours");
+    fs::remove_file(desk.path("views/left/0001.pgm")).expect("ours");
     // A single image is too few: only that frame set is refused.
     fs::remove_file(desk.path("views/right/0001.pgm")).expect("it was there");
     let outcome = estimate(&desk, &["--json"]);

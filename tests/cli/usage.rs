@@ -35,6 +35,21 @@ fn unknown_option_value_exits_2() {
     }
 }
 
+/// A number below its range is refused with the range, not taken for an option.
+#[test]
+fn negative_tolerance_is_refused_with_its_range() {
+    let outcome = run(
+        Path::new("."),
+        &["estimate", "run.mcap", "--tolerance", "-1"],
+    );
+    assert_eq!(outcome.code, Some(2), "{}", outcome.stderr);
+    assert!(
+        outcome.stderr.contains("must be 0 to 1000 ms"),
+        "{}",
+        outcome.stderr
+    );
+}
+
 #[test]
 fn absent_feature_is_named_before_the_run() {
     let outcome = run(Path::new("."), &["track", "--sim", "--json", "--zenoh"]);

@@ -213,12 +213,77 @@ fn full_disk_ends_the_file_not_the_run() {
     let length = folder.join("run.mcap").metadata().unwrap().len();
     assert!((2 << 20..=4 << 20).contains(&length), "{length} bytes");
     let summary = same(folder, "run.mcap");
-    // The file was closed, after its last whole chunk.
-    assert!(summary["cut"].is_null(), "{summary}");
+    // The file was closed, after its last whole chunk; every reader says that the end is missing.
+    let said = "was not ended by its run";
+    assert!(summary["cut"].to_string().contains(said), "{summary}");
+    for reader in [
+        &["replay", "run.mcap"][..],
+        &["export", "run.mcap", "--csv", "run.csv"],
+        &["export", "run.mcap", "--images", "caps"],
+        &["estimate", "run.mcap"],
+        &["track", "--images", "run.mcap"],
+        &["bench", "flow", "run.mcap", "--repeat", "1"],
+        &["report", "run.mcap"],
+    ] {
+        let outcome = run(folder, reader);
+        assert!(
+            outcome.stderr.contains(said),
+            "{reader:?} {}",
+            outcome.stderr
+        );
+    }
+    let report = run(folder, &["report", "run.mcap", "--json"]).good_json();
+    assert!(report[0]["cut"].to_string().contains(said), "{}", report[0]);
     assert!(
         summary["measurements"]["same"].as_u64() >= Some(8),
         "{summary}"
     );
+}
+
+/// Results of a whole run do not depend on its recording.
+#[cfg(unix)]
+#[test]
+fn full_disk_loses_no_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let text = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/step.toml"));
+    fs::write(folder.join("it.toml"), text.unwrap()).unwrap();
+    let under_limit = |blocks: u32, arguments: &str| {
+        let line = format!("ulimit -f {blocks}; exec \"$0\" {arguments} --record run.mcap --force");
+        let mut shell = std::process::Command::new("bash");
+        let program = trinocular().get_program().to_owned();
+        let outcome = Outcome::of(shell.args(["-c", &line]).arg(program).current_dir(folder));
+        outcome.failed_after_notes(1, &["run.mcap", "cannot write"]);
+        assert!(
+            outcome.stderr.contains("the run goes on"),
+            "{}",
+            outcome.stderr
+        );
+        outcome
+    };
+    let simulate = "simulate it.toml --report it.html --csv it.csv";
+    let table = under_limit(4096, simulate);
+    assert!(table.stdout.contains("it: "), "{}", table.stdout);
+    assert!(folder.join("it.html").exists(), "the page");
+    let rows = fs::read_to_string(folder.join("it.csv")).unwrap();
+    assert!(
+        rows.lines().count() > 1_000,
+        "{} rows",
+        rows.lines().count()
+    );
+    let json = under_limit(4096, "simulate it.toml --json");
+    assert_eq!(json.json()[0]["scenario"], "it");
+    let experiment = "--report all.html --figure all.svg --json";
+    let experiment = under_limit(4096, experiment);
+    assert_eq!(
+        experiment.json()[0]["stops"].as_array().map(Vec::len),
+        Some(5)
+    );
+    assert!(
+        folder.join("all.html").exists(),
+        "the page of the experiment"
+    );
+    assert!(folder.join("all.svg").exists(), "its figure");
 }
 
 #[test]
@@ -259,7 +324,16 @@ fn recording_without_images_replays_the_station() {
     assert_eq!(none["measurements"]["same"], 0);
     assert!(none["not_measured"].as_u64() > Some(10));
     assert!(none["segments"]["same"].as_u64() > Some(1_000));
-    run(folder, &["estimate", "run.mcap"]).failed_after_notes(1, &["left", "--topic"]);
+    for reader in [
+        &["estimate", "run.mcap"][..],
+        &["export", "run.mcap", "--images", "caps"],
+        &["track", "--images", "run.mcap"],
+        &["bench", "flow", "run.mcap"],
+    ] {
+        let outcome = run(folder, reader);
+        outcome.failed_after_notes(1, &["run.mcap: was recorded without images"]);
+        assert!(!outcome.stderr.contains("--topic"), "{}", outcome.stderr);
+    }
     let png = track("png");
     assert_eq!(png["not_measured"], 0);
     assert_eq!(png["segments"], none["segments"]);
@@ -320,6 +394,24 @@ fn older_recording_is_read() {
     assert!(object["cut"].is_null(), "{object}");
 }
 
+/// Ideal points leave neither images nor displacements, and nothing claims that they do.
+#[test]
+fn recording_of_points_claims_no_measurement() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let step = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/step.toml");
+    let simulate = ["simulate", step, "--points", "--record", "run.mcap"];
+    assert_eq!(run(folder, &simulate).code, Some(0));
+    let estimated = run(folder, &["estimate", "run.mcap"]);
+    estimated.failed_after_notes(1, &["was recorded without images", "simulate --points"]);
+    let report = run(folder, &["report", "run.mcap"]);
+    let said = "without a displacement in the recording: ";
+    assert!(report.stdout.contains(said), "{}", report.stdout);
+    assert!(!report.stdout.contains(" measured: "), "{}", report.stdout);
+    let json = run(folder, &["report", "run.mcap", "--json"]).good_json();
+    assert_eq!(json[0]["measured"], 0);
+}
+
 /// A file that ends before its first frame set: what it holds, and what is missing.
 #[test]
 fn cut_before_first_frame_is_named() {
@@ -338,4 +430,15 @@ fn cut_before_first_frame_is_named() {
     );
     assert!(!outcome.stderr.contains("only recordings of this program"));
     assert!(!folder.join("cut.csv").exists());
+    // Nothing tells whose recording it was.
+    fs::write(folder.join("cut.mcap"), &bytes[..8]).unwrap();
+    for command in ["replay", "report"] {
+        let outcome = run(folder, &[command, "cut.mcap"]);
+        outcome.failed_after_notes(1, &["cut.mcap: holds nothing", "is cut off at byte 8"]);
+        assert!(
+            !outcome.stderr.contains("of this program"),
+            "{}",
+            outcome.stderr
+        );
+    }
 }

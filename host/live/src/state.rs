@@ -205,6 +205,8 @@ const fn drop_name(refusal: &CameraRefusal) -> &'static str {
     match refusal {
         CameraRefusal::Missing => "missing",
         CameraRefusal::Blank => "blank",
+        CameraRefusal::MissingInKeyframe => "missing in the keyframe",
+        CameraRefusal::BlankInKeyframe => "blank in the keyframe",
         CameraRefusal::Frozen => "frozen",
         CameraRefusal::Unsynchronised { .. } => "not synchronised",
     }

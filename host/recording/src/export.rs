@@ -139,7 +139,7 @@ impl Row {
 pub struct Table {
     /// Rows, in the order of the recording.
     pub rows: Vec<Row>,
-    /// Place at which the file was cut off.
+    /// Reason why the end is missing.
     pub cut: Option<InputError>,
 }
 

@@ -229,7 +229,7 @@ fn run_captures<W: Write>(
         return Err(error.clone().into());
     }
     let (Some(first), Some(_)) = (first.as_ref(), captures.peek()) else {
-        let count = usize::from(first.is_some());
+        let count = if first.is_some() { "one" } else { "no" };
         let reason = format!("{count} frame set; a displacement takes at least two");
         return Err(InputError::file(&options.input, reason).into());
     };

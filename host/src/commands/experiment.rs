@@ -136,7 +136,8 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
     let run = tracking::run_recorded(&settings, &stage, place, recording.tap(), takers, tell);
     drop(progress);
     let run = run.map_err(|error| Failure::of_servo(port.as_deref(), error));
-    let run = recording.close(run)?;
+    let recorded = recording.end();
+    let run = run?;
     if !options.json {
         writeln!(out, "{}", present::stops("midpoint", &run.stops).to_text())?;
         for (name, value) in present::facts(&settings, &run) {
@@ -163,7 +164,7 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
         writeln!(out, "{:>22}: {written}", "report")?;
     }
     if run.succeeded() {
-        return Ok(());
+        return Ok(recorded?);
     }
     let [x, y, z] = tracking::BOUND_MM;
     let reason = format!("the stops are not within {x}, {y}, {z} mm, or steps were lost");

@@ -129,27 +129,42 @@ impl RecordingInput {
 
 impl Frames {
     /// Reads the frame sets in the order of their stamps. What belongs to no frame set is counted
-    /// on standard error at the end.
+    /// on standard error at the end, with what is wrong with the stamps.
     pub fn frame_sets(&self) -> impl Iterator<Item = Result<FrameSet, InputError>> + '_ {
         let topics = self.topics.clone();
         let mut sets = FrameSets::new(&self.source, topics, self.size_px, self.tolerance_us);
         let mut is_over = false;
         std::iter::from_fn(move || {
             let next = sets.next();
+            warnings::unread(&sets.take_warnings());
             if next.is_none() && !is_over {
                 is_over = true;
-                let leftover = sets.leftover();
-                if leftover.alone + leftover.late > 0 {
-                    notice!(
-                        "warning: {} images without partners within {} ms, {} out of order",
-                        leftover.alone,
-                        self.tolerance_us as f64 * 1e-3,
-                        leftover.late
-                    );
-                }
+                self.tell_leftover(&sets);
             }
             next
         })
+    }
+
+    fn tell_leftover(&self, sets: &FrameSets<'_>) {
+        let leftover = sets.leftover();
+        if leftover.alone + leftover.late > 0 {
+            notice!(
+                "warning: {} images without partners within {} ms, {} out of order",
+                leftover.alone,
+                self.tolerance_us as f64 * 1e-3,
+                leftover.late
+            );
+        }
+        let repeated = sets.repeated();
+        let repeated = repeated.map(|(topic, count)| format!("{count} on {topic}"));
+        let repeated: Vec<String> = repeated.collect();
+        if !repeated.is_empty() {
+            let repeated = repeated.join(", ");
+            notice!("warning: repeated images (same topic, same stamp) dropped: {repeated}");
+        }
+        if let Some(doubt) = sets.doubt() {
+            notice!("warning: {doubt}");
+        }
     }
 
     /// Returns the mean time between two frame sets, µs.

@@ -1,10 +1,22 @@
 //! Errors of options that take numbers, in the words of this program: the parsers of the standard
-//! library say "invalid digit found in string".
+//! library say "invalid digit found in string", and a negative number is "unexpected".
 
 use std::error::Error as _;
 use std::num::{ParseFloatError, ParseIntError};
 
 use clap::error::{ContextKind, Error, ErrorKind};
+use clap::{Arg, Command};
+
+/// Returns the command, and those below it, with options that take a negative number as their
+/// value, so that it is refused with the range of the option.
+pub fn with_negative_numbers(command: Command) -> Command {
+    let takes = |arg: &Arg| arg.get_long().is_some() && arg.get_action().takes_values();
+    let command = command.mut_args(|arg| match takes(&arg) {
+        true => arg.allow_negative_numbers(true),
+        false => arg,
+    });
+    command.mut_subcommands(with_negative_numbers)
+}
 
 /// Returns the error with a reason that states the form of the number, if it is one of a number.
 pub fn explained(error: Error) -> Error {
@@ -28,6 +40,8 @@ fn reason(error: &Error) -> Option<String> {
     let expected = if cause.is::<ParseFloatError>() {
         let hint = with_point(&value).map(|number| format!(" with a decimal point: {number}"));
         format!("expected a number{}", hint.unwrap_or_default())
+    } else if cause.is::<ParseIntError>() && value.starts_with('-') {
+        "expected a whole number, not a negative one".to_owned()
     } else if cause.is::<ParseIntError>() {
         "expected a whole number".to_owned()
     } else {
@@ -60,11 +74,12 @@ fn with_point(value: &str) -> Option<String> {
 mod tests {
     use super::*;
     use crate::commands::Arguments;
-    use clap::{Command, CommandFactory as _};
+    use clap::CommandFactory as _;
 
     fn said(words: &[&str]) -> String {
         let words = ["trinocular"].iter().chain(words);
-        let error = Arguments::command().try_get_matches_from(words);
+        let program = with_negative_numbers(Arguments::command());
+        let error = program.try_get_matches_from(words);
         explained(error.expect_err("a wrong number")).to_string()
     }
 
@@ -95,6 +110,18 @@ mod tests {
                 &["verify", "r.toml", "--noise", "much"],
                 "'much' for '--noise <PX>': expected a number\n",
             ),
+            (
+                &["estimate", "run.mcap", "--tolerance", "-1"],
+                "'-1' for '--tolerance <MS>': must be 0 to 1000 ms",
+            ),
+            (
+                &["bench", "flow", "run.mcap", "--repeat", "-1"],
+                "'-1' for '--repeat <N>': must be 1 to 100000",
+            ),
+            (
+                &["track", "--sim", "--seed", "-1"],
+                "'-1' for '--seed <SEED>': expected a whole number, not a negative one",
+            ),
         ] {
             let said = said(words);
             assert!(said.contains(reason), "{words:?}: {said}");
@@ -107,22 +134,23 @@ mod tests {
         assert!(said.contains("'--points'"), "{said}");
     }
 
-    /// Gives every option of a command and of those below it a text that is not a number, and
-    /// collects the errors.
-    fn refusals(command: &Command, path: &[&str], found: &mut Vec<String>) {
+    /// Gives every option of a command and of those below it `text`, which is none of its values,
+    /// and collects the errors.
+    fn refusals(command: &Command, text: &str, path: &[&str], found: &mut Vec<String>) {
         for option in command.get_arguments() {
             let count = option.get_num_args().map_or(0, |range| range.min_values());
             let Some(name) = option.get_long().filter(|_| count > 0) else {
                 continue;
             };
             let option = format!("--{name}");
-            let words = [path, &[option.as_str()], &vec!["1x"; count]].concat();
-            if let Err(error) = Arguments::command().try_get_matches_from(words) {
+            let words = [path, &[option.as_str()], &vec![text; count]].concat();
+            let program = with_negative_numbers(Arguments::command());
+            if let Err(error) = program.try_get_matches_from(words) {
                 found.push(explained(error).to_string());
             }
         }
         for inner in command.get_subcommands() {
-            refusals(inner, &[path, &[inner.get_name()]].concat(), found);
+            refusals(inner, text, &[path, &[inner.get_name()]].concat(), found);
         }
     }
 
@@ -131,7 +159,7 @@ mod tests {
         let mut program = Arguments::command();
         program.build();
         let mut found = Vec::new();
-        refusals(&program, &["trinocular"], &mut found);
+        refusals(&program, "1x", &["trinocular"], &mut found);
         let stated = |said: &&String| said.contains("'1x' for") && said.contains("number");
         assert!(found.iter().filter(stated).count() > 30, "{found:?}");
         for said in found {
@@ -143,6 +171,18 @@ mod tests {
             ] {
                 assert!(!said.contains(words), "{said}");
             }
+        }
+    }
+
+    #[test]
+    fn no_option_takes_a_number_for_another() {
+        let mut program = Arguments::command();
+        program.build();
+        let mut found = Vec::new();
+        refusals(&program, "-1", &["trinocular"], &mut found);
+        assert!(found.len() > 30, "{found:?}");
+        for said in found {
+            assert!(!said.contains("unexpected argument '-1'"), "{said}");
         }
     }
 }

@@ -216,14 +216,20 @@ impl Recording {
         )))
     }
 
-    /// Ends the file after a run: the run's own failure comes first.
-    pub fn close<T>(self, run: Result<T, Failure>) -> Result<T, Failure> {
-        let finished = self.finish();
-        if let Ok(Some(account)) = &finished {
+    /// Ends the file after a run whose results are yet to be written: they are whole without it, so
+    /// that a failure is for the end of the command.
+    pub fn end(self) -> Result<(), InputError> {
+        if let Some(account) = self.finish()? {
             notice!("{account}");
         }
+        Ok(())
+    }
+
+    /// Ends the file after a run whose results are written: the run's own failure comes first.
+    pub fn close<T>(self, run: Result<T, Failure>) -> Result<T, Failure> {
+        let ended = self.end();
         let value = run?;
-        finished?;
+        ended?;
         Ok(value)
     }
 }

@@ -40,7 +40,7 @@ pub struct ReplayOptions {
     /// `different` of measurements, frames, packets, segments and edges, not_measured (frame sets
     /// whose images are not in the file, and those that depend on them), first_difference (at_us,
     /// message, field, recorded, replayed), origin (what differs between the recording's program
-    /// or machine and this one: name, recorded, here), cut (where the file was cut off).
+    /// or machine and this one: name, recorded, here), cut (why the end is missing).
     #[arg(long)]
     json: bool,
 }
@@ -61,6 +61,10 @@ pub fn run(options: &ReplayOptions, out: &mut impl Write) -> Result<(), Failure>
     let source = Source::open(&options.file)?;
     let survey = Survey::of(&source)?;
     let Some(origin) = &survey.origin else {
+        if let (Some(cut), true) = (&survey.cut, survey.topics.is_empty()) {
+            let reason = format!("holds nothing of a recording: it {}", cut.reason);
+            return Err(InputError::file(&options.file, reason).into());
+        }
         let reason = "is no recording of this program: `replay` runs the files of --record; \
                       `estimate` reads the images of others";
         return Err(InputError::file(&options.file, reason).into());

@@ -44,7 +44,7 @@ pub struct ReportOptions {
     /// file, report (path of the page), kind (run, or images for a recording without measurements),
     /// seconds, frames, used, measured (without an answer in the recording), refused (counts by
     /// reason), events (marks in the plots), error_rms_um and error_max_um (stage minus target as
-    /// the cameras measured it), latency_ms (p50, p99), cut (place at which the file was cut off).
+    /// the cameras measured it), latency_ms (p50, p99), cut (why the end is missing).
     #[arg(long)]
     json: bool,
 }
@@ -118,9 +118,6 @@ fn of_run(
             "The end of the run is missing: the recording {}.",
             cut.reason
         ));
-    } else if !reading.is_whole {
-        notes.push("The end of the run is missing: its recording was not ended.".to_owned());
-        notice!("warning: the recording was not ended by its run: its end is missing");
     }
     let [frame_sets, messages] = reading.dropped;
     if frame_sets + messages > 0 {
@@ -149,6 +146,10 @@ fn of_images(
     source: &Source,
     survey: &Survey,
 ) -> Result<Page, Failure> {
+    if let (Some(cut), true) = (&survey.cut, survey.topics.is_empty()) {
+        let reason = format!("holds nothing to report: it {}", cut.reason);
+        return Err(InputError::file(&options.input, reason).into());
+    }
     if foreign::image_topics(survey) == 0 {
         let reason = "is no recording of this program, and no topic has images \
                       (sensor_msgs/Image or CompressedImage in CDR): there is nothing to report";

@@ -102,9 +102,11 @@ pub fn run(options: &SimulateOptions, out: &mut impl Write) -> Result<(), Failur
     let provenance = provenance(&scenarios);
     let mut work = Work::of(&scenarios, options);
     let mut outcomes = Vec::with_capacity(scenarios.len());
+    let mut recorded = Ok(());
     for (path, scenario) in options.scenarios.iter().zip(scenarios) {
         let opened = recording.take();
-        let outcome = simulate(path, scenario, options, opened, &mut work)?;
+        let (outcome, ended) = simulate(path, scenario, options, opened, &mut work)?;
+        recorded = recorded.and(ended);
         if options.json {
             print_json(&outcome, out)?;
         }
@@ -124,7 +126,7 @@ pub fn run(options: &SimulateOptions, out: &mut impl Write) -> Result<(), Failur
     let failed = options.scenarios.iter().zip(&outcomes);
     let mut failed = failed.filter(|(_, outcome)| !outcome.missed.is_empty());
     match failed.next() {
-        None => Ok(()),
+        None => Ok(recorded?),
         Some((path, outcome)) => {
             let others = match failed.count() {
                 0 => String::new(),
@@ -228,13 +230,14 @@ fn provenance(scenarios: &[Scenario]) -> Provenance {
     provenance
 }
 
+/// Runs a scenario; returns its outcome, and how its recording ended.
 fn simulate(
     path: &Path,
     scenario: Scenario,
     options: &SimulateOptions,
     recording: Option<Opened>,
     work: &mut Work,
-) -> Result<Outcome, Failure> {
+) -> Result<(Outcome, Result<(), InputError>), Failure> {
     let prediction = !options.no_prediction;
     let name = path.file_stem().unwrap_or(path.as_os_str());
     let name = name.to_string_lossy().into_owned();
@@ -246,12 +249,13 @@ fn simulate(
         true => vec![Arc::clone(&story) as Arc<dyn FrameSetTaker>],
         false => Takers::new(),
     };
-    let trace = match recording {
-        None => work.run(&scenario, prediction, None, takers)?,
+    let (trace, ended) = match recording {
+        None => (work.run(&scenario, prediction, None, takers)?, Ok(())),
         Some(opened) => {
             let recording = opened.start(&origin(&scenario))?;
             let trace = work.run(&scenario, prediction, recording.tap(), takers);
-            recording.close(trace)?
+            let ended = recording.end();
+            (trace?, ended)
         }
     };
     let figures = Figures::of(&scenario, &trace);
@@ -268,7 +272,7 @@ fn simulate(
         }
         false => Vec::new(),
     };
-    Ok(Outcome {
+    let outcome = Outcome {
         name,
         scenario,
         trace,
@@ -276,7 +280,8 @@ fn simulate(
         story: story.with(std::mem::take),
         unpredicted,
         missed,
-    })
+    };
+    Ok((outcome, ended))
 }
 
 /// Figures and verdict of a scenario, as they are printed.

@@ -16,7 +16,7 @@ pub struct Figures {
     pub frames: usize,
     /// Frame sets that the station used.
     pub used: usize,
-    /// Frame sets without an answer in the recording.
+    /// Frame sets with a displacement and without an answer in the recording.
     pub measured: usize,
     /// Frame sets that were not used, by reason.
     pub refused: BTreeMap<String, usize>,
@@ -44,6 +44,8 @@ impl Figures {
             figures.seconds = story.time_s(turn.row.capture_us);
             match turn.row.outcome {
                 Outcome::Used => figures.used += 1,
+                // Ideal points leave no displacement in the recording.
+                Outcome::Measured if turn.row.displacement_mm.is_none() => {}
                 Outcome::Measured => figures.measured += 1,
                 _ => {
                     let reason = &turn.row.reason;
@@ -77,7 +79,13 @@ impl Figures {
             "frame sets".to_owned(),
             format!("{} in {:.2} s", self.frames, self.seconds),
         )];
-        if self.measured > 0 {
+        let without = self
+            .frames
+            .saturating_sub(self.used + self.measured + refused);
+        if without > 0 {
+            let name = "without a displacement in the recording";
+            facts.push((name.to_owned(), without.to_string()));
+        } else if self.measured > 0 {
             facts.push(("measured".to_owned(), self.measured.to_string()));
         } else {
             facts.push(("used by the station".to_owned(), self.used.to_string()));

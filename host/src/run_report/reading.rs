@@ -24,9 +24,7 @@ pub struct Reading {
     pub story: Story,
     /// Where it came from.
     pub provenance: Provenance,
-    /// True if the recording was ended by its run; false after a crash or a full disk.
-    pub is_whole: bool,
-    /// Place at which the file was cut off.
+    /// Reason why the end is missing, as after a crash or a full disk.
     pub cut: Option<InputError>,
     /// Number of frame sets and of other messages that the recorder had no room for.
     pub dropped: [u64; 2],
@@ -80,7 +78,6 @@ pub fn read(source: &Source, survey: &Survey) -> Result<Reading, InputError> {
             origin,
             rig: survey.rig.clone(),
         },
-        is_whole: survey.end.is_some(),
         cut: records.cut().cloned(),
         dropped: [count("frame_sets_dropped"), count("messages_dropped")],
     })

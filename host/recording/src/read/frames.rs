@@ -1,12 +1,17 @@
 //! Frame sets of a source: images of all cameras, matched by the stamps in their headers.
 
-use super::image::{self, KINDS};
-use super::survey::{Channels, Message, Survey};
+use super::image;
+use super::stamps::Stamps;
+use super::survey::{Channels, Message};
+use super::topics::is_image;
 use super::{Contents, Source};
 use std::collections::VecDeque;
-use std::path::Path;
 use trinocular_rig::error::InputError;
+use trinocular_vision::images::decode::{Picture, bits_in_use, scale};
+use trinocular_vision::images::exposure::{ExposureFault, MOST_SATURATED};
 use trinocular_vision::images::{FrameSet, Image};
+
+pub use super::topics::Topics;
 
 /// Default tolerance between the stamps of a frame set, µs.
 pub const TOLERANCE_US: u64 = 5_000;
@@ -18,84 +23,6 @@ const MOST_WAITING: usize = 16;
 /// Largest memory for images that wait, bytes.
 const MOST_BYTES: usize = 512 << 20;
 
-/// Topic of each camera, in the rig's order.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Topics(Vec<String>);
-
-fn is_image(kind: &str, encoding: &str) -> bool {
-    KINDS.contains(&kind) && encoding == "cdr"
-}
-
-impl Topics {
-    /// Finds the topic with the images of each camera: the one that `chosen` names for it, or the
-    /// only one with the camera's name between two slashes.
-    ///
-    /// # Errors
-    /// [`InputError`] with the topics that have images, if none or several fit a camera.
-    pub fn find(
-        path: &Path,
-        survey: &Survey,
-        names: &[String],
-        chosen: &[(String, String)],
-    ) -> Result<Self, InputError> {
-        let images = survey.topics.iter();
-        let images = images.filter(|(_, topic)| is_image(&topic.kind, &topic.encoding));
-        let images: Vec<&str> = images.map(|(name, _)| name.as_str()).collect();
-        let listed = || match images.as_slice() {
-            [] => "no topic has images (sensor_msgs/Image or CompressedImage in CDR)".to_owned(),
-            images => format!("topics with images: {}", images.join(", ")),
-        };
-        if let Some((camera, _)) = chosen.iter().find(|(camera, _)| !names.contains(camera)) {
-            let reason = format!("--topic names the camera {camera:?}, which the rig has not");
-            return Err(InputError::file(path, reason));
-        }
-        let of_camera = |name: &String| {
-            if let Some((_, topic)) = chosen.iter().find(|(camera, _)| camera == name) {
-                return match images.contains(&topic.as_str()) {
-                    true => Ok(topic.clone()),
-                    false => {
-                        let reason = format!("has no images on {topic}; {}", listed());
-                        Err(InputError::file(path, reason))
-                    }
-                };
-            }
-            let fits = |topic: &&&str| topic.split('/').any(|part| part == name);
-            let fitting: Vec<&&str> = images.iter().filter(fits).collect();
-            let raw = fitting.iter().find(|topic| topic.ends_with("/image_raw"));
-            match (fitting.as_slice(), raw) {
-                ([topic], _) => Ok((**topic).to_owned()),
-                (_, Some(raw)) => Ok((**raw).to_string()),
-                (fitting, None) => {
-                    let count = if fitting.is_empty() {
-                        "no"
-                    } else {
-                        "more than one"
-                    };
-                    let reason = format!(
-                        "{count} topic has images of the camera {name:?}; name it with --topic \
-                         {name}=/TOPIC; {}",
-                        listed()
-                    );
-                    Err(InputError::file(path, reason))
-                }
-            }
-        };
-        let topics: Vec<String> = names.iter().map(of_camera).collect::<Result<_, _>>()?;
-        for (index, topic) in topics.iter().enumerate() {
-            if topics[..index].contains(topic) {
-                let reason = format!("{topic} would be the images of two cameras");
-                return Err(InputError::file(path, reason));
-            }
-        }
-        Ok(Self(topics))
-    }
-
-    /// Returns the topic of each camera.
-    pub fn names(&self) -> &[String] {
-        &self.0
-    }
-}
-
 /// Counts of images that belong to no frame set.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Leftover {
@@ -103,11 +30,24 @@ pub struct Leftover {
     pub alone: usize,
     /// Images that came later than their frame set.
     pub late: usize,
+    /// Images on a topic that had one of the same stamp.
+    pub repeated: usize,
+}
+
+/// Returns the bytes of a picture in memory.
+fn bytes(picture: &Picture) -> usize {
+    match picture {
+        Picture::Eight(image) => image.grey.len(),
+        Picture::Sixteen { levels, .. } => size_of_val(levels.as_slice()),
+    }
 }
 
 /// Iterator over the frame sets of a source.
 ///
-/// An image that cannot be read makes its frame set an error, and the iteration goes on.
+/// An image that cannot be read makes its frame set an error, and the iteration goes on. Images of 16
+/// bits are scaled by the most bits that a frame set has used so far, all of a frame set alike, as
+/// those of a [`Folder`](trinocular_vision::images::Folder). A repeated message (same topic, same
+/// stamp) is dropped.
 pub struct FrameSets<'a> {
     source: &'a Source,
     contents: Contents<'a>,
@@ -115,11 +55,20 @@ pub struct FrameSets<'a> {
     topics: Topics,
     size_px: [u32; 2],
     tolerance_ns: u64,
-    waiting: Vec<VecDeque<(u64, Result<Image, String>)>>,
+    waiting: Vec<VecDeque<(u64, Result<Picture, String>)>>,
     bytes: usize,
     /// Stamp of the last frame set, ns.
     last_ns: Option<u64>,
+    /// Stamp of each camera's last image that was taken, ns.
+    taken_ns: Vec<Option<u64>>,
+    stamps: Stamps,
     leftover: Leftover,
+    /// Repeated images of each camera.
+    repeated: Vec<usize>,
+    /// Most bits in use so far.
+    depth_bits: u32,
+    /// The scale of 16-bit images, and saturation, not yet told.
+    warnings: Vec<InputError>,
     is_over: bool,
 }
 
@@ -130,7 +79,12 @@ impl<'a> FrameSets<'a> {
         Self {
             contents: source.records(),
             channels: Channels::default(),
-            waiting: topics.0.iter().map(|_| VecDeque::new()).collect(),
+            waiting: topics.names().iter().map(|_| VecDeque::new()).collect(),
+            taken_ns: vec![None; topics.names().len()],
+            stamps: Stamps::new(topics.names().len()),
+            repeated: vec![0; topics.names().len()],
+            depth_bits: 0,
+            warnings: Vec::new(),
             topics,
             source,
             size_px,
@@ -147,7 +101,25 @@ impl<'a> FrameSets<'a> {
         self.leftover
     }
 
-    /// Returns the place at which a file was cut off.
+    /// Returns the topics with repeated images, and how many each has so far.
+    pub fn repeated(&self) -> impl Iterator<Item = (&str, usize)> {
+        let topics = self.topics.names().iter().map(String::as_str);
+        let counts = topics.zip(self.repeated.iter().copied());
+        counts.filter(|(_, count)| *count > 0)
+    }
+
+    /// Describes stamps by which no order of the images is known: all alike, or running backwards.
+    pub fn doubt(&self) -> Option<String> {
+        self.stamps.doubt()
+    }
+
+    /// Takes the warnings since the last call: the scale of 16-bit images, once and whenever it
+    /// grows, and saturation in the frame set that shows it.
+    pub fn take_warnings(&mut self) -> Vec<InputError> {
+        std::mem::take(&mut self.warnings)
+    }
+
+    /// Returns why the end of the source is missing.
     pub fn cut(&self) -> Option<&InputError> {
         self.contents.cut()
     }
@@ -166,7 +138,7 @@ impl<'a> FrameSets<'a> {
             else {
                 continue;
             };
-            let camera = self.topics.0.iter().position(|known| known == topic);
+            let camera = self.topics.names().iter().position(|known| known == topic);
             let (Some(camera), true) = (camera, is_image(kind, encoding)) else {
                 continue;
             };
@@ -174,23 +146,30 @@ impl<'a> FrameSets<'a> {
             let stamp_ns = image::stamp_ns(&data).map_err(|fault| {
                 InputError::file(path, format!("an image on {topic} is malformed: {fault}"))
             })?;
+            self.stamps.take(camera, stamp_ns);
+            let queue = &mut self.waiting[camera];
+            let waits = queue.iter().any(|(other_ns, _)| *other_ns == stamp_ns);
+            if waits || self.taken_ns[camera] == Some(stamp_ns) {
+                self.leftover.repeated += 1;
+                self.repeated[camera] += 1;
+                continue;
+            }
             if self.last_ns.is_some_and(|last_ns| stamp_ns <= last_ns) {
                 self.leftover.late += 1;
                 continue;
             }
-            let image = match image::read(kind, &data) {
-                Ok(image) if [image.width as u32, image.height as u32] == self.size_px => Ok(image),
+            let image = match image::read_deep(kind, &data) {
+                Ok(image) if image.size_px() == self.size_px => Ok(image),
                 Ok(image) => {
-                    let [w, h] = self.size_px;
+                    let ([w, h], [width, height]) = (self.size_px, image.size_px());
                     Err(format!(
-                        "an image on {topic} has {} x {} px, but the rig's images have {w} x {h} px",
-                        image.width, image.height
+                        "an image on {topic} has {width} x {height} px, but the rig's images have \
+                         {w} x {h} px"
                     ))
                 }
                 Err(fault) => Err(format!("an image on {topic}: {fault}")),
             };
-            self.bytes += image.as_ref().map_or(0, |image| image.grey.len());
-            let queue = &mut self.waiting[camera];
+            self.bytes += image.as_ref().map_or(0, bytes);
             // Bags keep the order of arrival, which may differ from that of the stamps.
             let place = queue.partition_point(|(before, _)| *before <= stamp_ns);
             queue.insert(place, (stamp_ns, image));
@@ -210,21 +189,25 @@ impl<'a> FrameSets<'a> {
     fn take(&mut self) -> Option<Result<FrameSet, InputError>> {
         let heads = self.waiting.iter().filter_map(|queue| queue.front());
         let oldest_ns = heads.map(|(stamp_ns, _)| *stamp_ns).min()?;
-        let mut images = Vec::new();
+        let mut views = Vec::new();
         let mut fault = None;
-        for queue in &mut self.waiting {
+        for (queue, taken_ns) in self.waiting.iter_mut().zip(&mut self.taken_ns) {
             let is_near = |head: &mut (u64, _)| head.0 - oldest_ns <= self.tolerance_ns;
-            let image = match queue.pop_front_if(is_near) {
-                Some((_, Ok(image))) => image,
-                Some((_, Err(reason))) => {
-                    fault.get_or_insert(reason);
-                    Image::missing()
+            let view = queue.pop_front_if(is_near).and_then(|(stamp_ns, image)| {
+                *taken_ns = Some(stamp_ns);
+                match image {
+                    Ok(view) => Some(view),
+                    Err(reason) => {
+                        fault.get_or_insert(reason);
+                        None
+                    }
                 }
-                None => Image::missing(),
-            };
-            self.bytes -= image.grey.len();
-            images.push(image);
+            });
+            let view = view.unwrap_or_else(|| Picture::Eight(Image::missing()));
+            self.bytes -= bytes(&view);
+            views.push(view);
         }
+        let images = self.scaled(views);
         let there = images.iter().filter(|image| !image.is_missing()).count();
         self.last_ns = Some(oldest_ns);
         let time_us = oldest_ns / 1_000;
@@ -236,6 +219,28 @@ impl<'a> FrameSets<'a> {
             }
             None => Some(Ok(FrameSet { time_us, images })),
         }
+    }
+}
+
+impl FrameSets<'_> {
+    /// Scales the images of a frame set, all alike, and keeps warnings of scale and saturation.
+    fn scaled(&mut self, views: Vec<Picture>) -> Vec<Image> {
+        let is_deep = |view: &Picture| matches!(view, Picture::Sixteen { .. });
+        let bits = bits_in_use(&views, self.depth_bits.max(8));
+        if views.iter().any(is_deep) && bits > self.depth_bits {
+            self.depth_bits = bits;
+            let path = self.source.path();
+            self.warnings.push(InputError::file(path, scale(bits)));
+            for (topic, view) in self.topics.names().iter().zip(&views) {
+                let share = view.saturated(bits);
+                if share > MOST_SATURATED {
+                    let fault = ExposureFault::Saturated(share);
+                    let warning = InputError::file(path, format!("{topic}: {fault}"));
+                    self.warnings.push(warning);
+                }
+            }
+        }
+        views.into_iter().map(|view| view.scaled(bits)).collect()
     }
 }
 

@@ -2,9 +2,9 @@
 
 use crate::cdr::{CdrFault, Reader};
 use crate::message::read_header;
-use image::{DynamicImage, ImageBuffer, Luma, Rgb};
+use image::{DynamicImage, ImageBuffer, Rgb};
 use trinocular_vision::images::Image;
-use trinocular_vision::images::decode::{self, MOST_PIXELS, decode};
+use trinocular_vision::images::decode::{self, MOST_PIXELS, Picture, decode_deep};
 
 /// Types of messages that hold images.
 pub const KINDS: [&str; 2] = ["sensor_msgs/Image", "sensor_msgs/CompressedImage"];
@@ -46,16 +46,28 @@ pub fn stamp_ns(message: &[u8]) -> Result<u64, CdrFault> {
     read_header(&mut Reader::new(message)?)
 }
 
-/// Decodes the image of a message of type `kind`, one of [`KINDS`].
+/// Decodes the image of a message of type `kind`, one of [`KINDS`], as 8-bit grey, scaled by the bits
+/// that it uses. Frame sets are scaled all alike by [`FrameSets`](super::frames::FrameSets).
 ///
 /// # Errors
 /// [`ImageFault`] if it cannot be read.
 pub fn read(kind: &str, message: &[u8]) -> Result<Image, ImageFault> {
+    let picture = read_deep(kind, message)?;
+    let bits = picture.bits_in_use();
+    Ok(picture.scaled(bits))
+}
+
+/// Decodes the image of a message of type `kind`, one of [`KINDS`], as grey with its depth, 8 or 16
+/// bits.
+///
+/// # Errors
+/// [`ImageFault`] if it cannot be read.
+pub fn read_deep(kind: &str, message: &[u8]) -> Result<Picture, ImageFault> {
     let mut reader = Reader::new(message)?;
     read_header(&mut reader)?;
     if kind == "sensor_msgs/CompressedImage" {
         reader.text()?;
-        return Ok(decode(reader.block()?, None)?);
+        return Ok(decode_deep(reader.block()?, None)?);
     }
     let (height, width) = (reader.u32()?, reader.u32()?);
     let encoding = reader.text()?;
@@ -94,12 +106,12 @@ pub fn read(kind: &str, message: &[u8]) -> Result<Image, ImageFault> {
                 true => u16::from_be_bytes(*pair),
                 false => u16::from_le_bytes(*pair),
             };
-            let levels: Vec<u16> = pairs.iter().map(number).collect();
-            let whole = ImageBuffer::<Luma<u16>, _>::from_raw(width, height, levels);
-            // As 16-bit PNG files are read.
-            DynamicImage::from(whole.ok_or_else(size)?)
-                .into_luma8()
-                .into_raw()
+            // As 16-bit files are read: the bits in use are known with the whole frame set.
+            return Ok(Picture::Sixteen {
+                width: width as usize,
+                height: height as usize,
+                levels: pairs.iter().map(number).collect(),
+            });
         }
         _ => {
             let is_rgb = encoding.starts_with("rgb");
@@ -115,11 +127,11 @@ pub fn read(kind: &str, message: &[u8]) -> Result<Image, ImageFault> {
                 .into_raw()
         }
     };
-    Ok(Image {
+    Ok(Picture::Eight(Image {
         width: width as usize,
         height: height as usize,
         grey,
-    })
+    }))
 }
 
 #[cfg(test)]
@@ -162,6 +174,11 @@ mod tests {
     fn sixteen_bits_become_eight() {
         assert_eq!(grey("mono16", [2, 1], 4, &[0, 0, 0xff, 0xff]), [0, 255]);
         assert_eq!(grey("16UC1", [1, 1], 2, &[0x80, 0x80]), [128]);
+        // The upper bits of a camera of 12 bits are unused.
+        assert_eq!(
+            grey("mono16", [2, 1], 4, &[0xff, 0x0f, 0, 0x08]),
+            [255, 128]
+        );
     }
 
     #[test]

@@ -12,8 +12,11 @@ mod fields;
 pub mod frames;
 pub mod image;
 pub mod records;
+mod stamps;
 pub mod survey;
+mod topics;
 
+use crate::topic::{END, ORIGIN};
 use records::{Damage, Record, Records};
 use std::fs::File;
 use std::io::BufReader;
@@ -23,6 +26,10 @@ use trinocular_rig::input;
 
 /// Size of the buffer between a file and its reader, bytes.
 const BUFFER: usize = 1 << 20;
+
+/// What is said of a recording that was closed before its run ended.
+const UNENDED: &str = "was not ended by its run, as after a full disk: the end of the run is missing, \
+                       and what stands before was read";
 
 /// Recording to read: a file, or the files of a bag, in their order.
 #[derive(Clone, Debug)]
@@ -103,6 +110,7 @@ impl Source {
             source: self,
             next: 0,
             open: None,
+            is_unended: false,
             cut: None,
         }
     }
@@ -113,12 +121,15 @@ pub struct Contents<'a> {
     source: &'a Source,
     next: usize,
     open: Option<Records<BufReader<File>>>,
+    /// True after the beginning of a recording of this program, until its end.
+    is_unended: bool,
     cut: Option<InputError>,
 }
 
 impl Contents<'_> {
-    /// Returns the place at which a file was cut off, as a recording is by a crash or a full disk.
-    /// Its records up to there have been read.
+    /// Returns why the end is missing: the place at which a file was cut off, as a recording is by a
+    /// crash, or that its run did not end it, as after a full disk. Its records up to there have been
+    /// read.
     pub fn cut(&self) -> Option<&InputError> {
         self.cut.as_ref()
     }
@@ -136,7 +147,16 @@ impl Iterator for Contents<'_> {
         loop {
             if let Some(records) = &mut self.open {
                 match records.next() {
-                    Some(Ok(record)) => return Some(Ok((self.next - 1, record))),
+                    Some(Ok(record)) => {
+                        if let Record::Metadata { name, .. } = &record {
+                            self.is_unended = match name.as_str() {
+                                ORIGIN => true,
+                                END => false,
+                                _ => self.is_unended,
+                            };
+                        }
+                        return Some(Ok((self.next - 1, record)));
+                    }
                     Some(Err(damage @ Damage::CutOff(_))) => {
                         self.cut = Some(InputError::file(self.file(), damage.to_string()));
                     }
@@ -150,7 +170,12 @@ impl Iterator for Contents<'_> {
                 }
             }
             self.open = None;
-            let file = self.source.files.get(self.next)?;
+            let Some(file) = self.source.files.get(self.next) else {
+                if std::mem::take(&mut self.is_unended) && self.cut.is_none() {
+                    self.cut = Some(InputError::file(&self.source.path, UNENDED));
+                }
+                return None;
+            };
             self.next += 1;
             let opened = input::open(file).and_then(|opened| {
                 let buffered = BufReader::with_capacity(BUFFER, opened);

@@ -2,7 +2,7 @@
 
 use super::Source;
 use super::records::Record;
-use crate::topic;
+use crate::topic::{self, Topic};
 use std::collections::{BTreeMap, HashMap};
 use trinocular_rig::error::InputError;
 
@@ -42,11 +42,11 @@ pub struct Survey {
     pub topics: BTreeMap<String, TopicSurvey>,
     /// Origin of a recording of this program.
     pub origin: Option<BTreeMap<String, String>>,
-    /// Counts at the end of a recording of this program; `None` after a crash.
+    /// Counts at the end of a recording of this program; `None` after a crash or a full disk.
     pub end: Option<BTreeMap<String, String>>,
     /// Text of the rig file within the source.
     pub rig: Option<String>,
-    /// Place at which a file was cut off.
+    /// Reason why the end is missing: a file was cut off, or its run did not end it.
     pub cut: Option<InputError>,
 }
 
@@ -134,6 +134,21 @@ impl Channels {
 }
 
 impl Survey {
+    /// Returns why a recording of this program holds no images; `None` for other files.
+    pub fn imageless(&self) -> Option<String> {
+        self.origin.as_ref()?;
+        let has_measurements = self.topics.contains_key(Topic::Measurement.name());
+        match (&self.cut, has_measurements) {
+            (Some(cut), false) => Some(format!("holds no images: it {}", cut.reason)),
+            (None, false) => Some("holds no images: none were followed in its run".to_owned()),
+            (_, true) => Some(
+                "was recorded without images (with --record-images none, or of simulate --points): \
+                 replay, report and export --csv read it; record the run again with images"
+                    .to_owned(),
+            ),
+        }
+    }
+
     /// Reads the source once.
     ///
     /// # Errors

@@ -54,7 +54,7 @@ pub struct Replayed {
     pub edges: Comparison,
     /// Frame sets whose images are not in the file, and those that depend on them.
     pub not_measured: u64,
-    /// Place at which the file was cut off.
+    /// Reason why the end is missing.
     pub cut: Option<InputError>,
 }
 

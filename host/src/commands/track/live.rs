@@ -187,11 +187,9 @@ fn follow(
             of_triggers
         );
     }
-    let summary = recording.close(outcome)?;
-    notice!(
-        "{} of {} frame sets not used",
-        summary.refused,
-        summary.frames
-    );
-    Ok(())
+    if let Ok(summary) = &outcome {
+        let (refused, frames) = (summary.refused, summary.frames);
+        notice!("{refused} of {frames} frame sets not used");
+    }
+    recording.close(outcome).map(drop)
 }

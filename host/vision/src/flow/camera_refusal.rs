@@ -9,6 +9,10 @@ pub enum CameraRefusal {
     Missing,
     /// The camera's image has no contrast, while another camera's has.
     Blank,
+    /// The camera gives images, but gave none for the keyframe.
+    MissingInKeyframe,
+    /// The camera's image of the keyframe has no contrast, while another camera's has.
+    BlankInKeyframe,
     /// The camera's image equals its last one, to the last bit of noise, while another camera's
     /// has changed.
     Frozen,
@@ -28,6 +32,13 @@ impl std::fmt::Display for CameraRefusal {
         match self {
             Self::Missing => write!(f, "gave no image"),
             Self::Blank => write!(f, "shows nothing: dark, covered or out of light"),
+            Self::MissingInKeyframe => write!(f, "gave no image for the keyframe"),
+            Self::BlankInKeyframe => {
+                write!(
+                    f,
+                    "showed nothing in the keyframe: dark, covered or out of light"
+                )
+            }
             Self::Frozen => write!(f, "is frozen: it gave the same image again"),
             Self::Unsynchronised { share } if *share < -NEARLY_ALL => {
                 let percent = 100.0 * (1.0 + share);
@@ -50,6 +61,17 @@ impl std::fmt::Display for CameraRefusal {
                      images {when}"
                 )
             }
+        }
+    }
+}
+
+impl CameraRefusal {
+    /// Returns the reason for a later frame set, if this one was the keyframe's.
+    pub(super) const fn in_keyframe(self) -> Self {
+        match self {
+            Self::Missing => Self::MissingInKeyframe,
+            Self::Blank => Self::BlankInKeyframe,
+            other => other,
         }
     }
 }
@@ -108,6 +130,25 @@ mod tests {
         assert_eq!(unusable(&images, &[0.4, 0.5, 0.6]), [None; 3]);
         assert_eq!(unusable(&images, &[0.0; 3]), [None; 3]);
         assert_eq!(unusable(&images, &[40.0, 0.1, 0.2]), [None; 3]);
+    }
+
+    #[test]
+    fn remarks_tell_keyframe_from_present() {
+        let names = ["left".to_owned(), "right".to_owned()];
+        let missing = CameraRefusal::Missing;
+        let told = |refusal| remarks(&[(1, refusal)], &names).concat();
+        assert_eq!(
+            told(missing),
+            "camera right gave no image; measured without it"
+        );
+        assert_eq!(
+            told(missing.in_keyframe()),
+            "camera right gave no image for the keyframe; measured without it"
+        );
+        assert_eq!(missing.in_keyframe().in_keyframe(), missing.in_keyframe());
+        assert!(
+            told(CameraRefusal::Blank.in_keyframe()).contains("showed nothing in the keyframe")
+        );
     }
 
     #[test]

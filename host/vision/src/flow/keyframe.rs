@@ -63,7 +63,7 @@ impl Keyframe {
         let before = &self.filtered;
         frozen::mark_frozen(&mut refusals, &now.fingerprints, &before.fingerprints);
         for (refusal, before) in refusals.iter_mut().zip(&before.camera_refusals) {
-            *refusal = refusal.or(*before);
+            *refusal = refusal.or(before.map(CameraRefusal::in_keyframe));
         }
         refusals
     }

@@ -23,7 +23,7 @@ use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, Limi
 use super::Image;
 use super::tiff_directory::Form;
 
-pub use depth::Picture;
+pub use depth::{Picture, bits_in_use, scale};
 pub use panic::caught;
 
 mod depth;

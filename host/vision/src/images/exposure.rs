@@ -6,7 +6,7 @@ use super::{FrameSet, Image};
 /// Grey level at which a pixel is saturated.
 const WHITE: u8 = 255;
 /// Largest share of saturated pixels without a warning.
-pub(super) const MOST_SATURATED: f64 = 0.01;
+pub const MOST_SATURATED: f64 = 0.01;
 /// Grey level that some pixels of an image should reach: below it, noise is a large part of the
 /// contrast.
 const DIM: u8 = 32;

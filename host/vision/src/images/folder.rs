@@ -22,7 +22,7 @@ use std::path::Path;
 
 use image::{ExtendedColorType, ImageFormat};
 
-use super::decode::Picture;
+use super::decode::{Picture, bits_in_use, scale};
 use super::exposure::{ExposureFault, MOST_SATURATED};
 use super::series::layout::{self, Found};
 use super::series::pairing::{self, Pairing, Rule};
@@ -376,18 +376,6 @@ impl Folder {
             }))
         })
     }
-}
-
-/// Returns the most bits in use in the images, `so_far` or more.
-fn bits_in_use(views: &[Picture], so_far: u32) -> u32 {
-    let bits = views.iter().map(Picture::bits_in_use);
-    bits.fold(so_far, u32::max)
-}
-
-/// Describes the scale of 16-bit images.
-fn scale(bits: u32) -> String {
-    let divisor = 1 << (bits - 8);
-    format!("16-bit images that use {bits} bits; values are divided by {divisor}")
 }
 
 /// Writes a frame set as number `index` into `dir`, one PNG per camera, and makes folders as

@@ -86,6 +86,18 @@ impl Picture {
     }
 }
 
+/// Returns the most bits in use in the images of a frame set, `so_far` or more.
+pub fn bits_in_use(views: &[Picture], so_far: u32) -> u32 {
+    let bits = views.iter().map(Picture::bits_in_use);
+    bits.fold(so_far, u32::max)
+}
+
+/// Describes the scale of 16-bit images that use `bits` bits, 8 to 16.
+pub fn scale(bits: u32) -> String {
+    let divisor = 1 << (bits.clamp(8, 16) - 8);
+    format!("16-bit images that use {bits} bits; values are divided by {divisor}")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
