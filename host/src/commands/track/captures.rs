@@ -188,7 +188,12 @@ impl<'a> Captures<'a> {
                 Some(steps) => format!(", {steps:?} steps"),
                 None => String::new(),
             };
-            notice!("the stage came to rest at {rest_mm:.4?} mm{steps}");
+            // The run of live cameras ends with a stop.
+            let next = match self.port.filter(|_| self.is_live) {
+                Some(_) => "; `trinocular reset` lets other commands move it again",
+                None => "",
+            };
+            notice!("the stage came to rest at {rest_mm:.4?} mm{steps}{next}");
         }
         let summary = outcome?;
         rest.map_err(|error| Failure::of_station(self.port, error))?;
