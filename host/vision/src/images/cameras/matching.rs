@@ -34,7 +34,8 @@ pub struct Counts {
     pub used: u64,
     /// Number of images without partners within the window.
     pub unmatched: u64,
-    /// Number of images in sets that were dropped for a newer set.
+    /// Number of images in sets that were dropped for a newer set, or that no call has taken in
+    /// time.
     pub overtaken: u64,
     /// Number of images that were not later than the image before.
     pub disordered: u64,
@@ -111,14 +112,26 @@ impl<P> Matching<P> {
         }
         *latest = Some(time_us);
         self.takes_part[camera] = true;
-        if self.waiting[camera].len() == DEPTH {
-            self.waiting[camera].pop_front();
-            self.counts[camera].unmatched += 1;
-        }
+        self.make_room(camera);
         self.waiting[camera].push_back((time_us, picture));
         // A single image may have come a little sooner than its partners.
         if self.waiting[camera].len() > 1 {
             self.leave_out_silent(time_us);
+        }
+    }
+
+    /// Drops the camera's oldest image if too many wait: with its set, which no call has taken, or
+    /// alone if it has no partners.
+    fn make_room(&mut self, camera: usize) {
+        if self.waiting[camera].len() < DEPTH {
+            return;
+        }
+        if let Some(set) = self.next() {
+            self.count(&set, |counts| counts.overtaken += 1);
+        }
+        if self.waiting[camera].len() == DEPTH {
+            self.waiting[camera].pop_front();
+            self.counts[camera].unmatched += 1;
         }
     }
 

@@ -324,3 +324,26 @@ fn disordered_images_are_not_used() {
     assert_eq!(matching.counts().len(), 2);
     assert_eq!(Matching::<()>::new(3, 10).apart_us(), None);
 }
+
+/// A program that starts its station meanwhile takes no sets.
+#[test]
+fn sets_not_taken_in_time_are_overtaken() {
+    let mut matching = Matching::new(3, 10);
+    let sets = 50;
+    for number in 0..sets {
+        for camera in 0..3 {
+            matching.push(camera, 1_000 * number + camera as u64, number);
+        }
+    }
+    let newest = matching.take_newest().expect("the last ones wait");
+    assert_eq!(newest.pictures[0].map(|(_, number)| number), Some(sets - 1));
+    for counts in matching.counts() {
+        let wanted = Counts {
+            arrived: sets,
+            used: 1,
+            overtaken: sets - 1,
+            ..Counts::default()
+        };
+        assert_eq!(*counts, wanted);
+    }
+}
