@@ -30,6 +30,7 @@ pub mod serial;
 pub mod shortened;
 pub mod stage;
 pub mod tape;
+pub mod travel;
 pub mod twin;
 
 use trinocular_core::frame::message::{Denial, Mismatch, ResetCause, Status};

@@ -11,6 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use trinocular_client::allowance::Allowance;
 use trinocular_client::below_step::check_steps;
+use trinocular_client::travel::check_travel;
 use trinocular_client::rest::{self, RestWatch};
 use trinocular_client::serial::Serial;
 use trinocular_client::stage::{configuration_at, setpoint};
@@ -251,6 +252,9 @@ impl Station {
     }
 
     fn move_to(&self, py: Python<'_>, position_mm: [f64; 3], wait: bool) -> PyResult<()> {
+        if let Some(stage) = &self.stage {
+            check_travel(stage, position_mm).map_err(value)?;
+        }
         self.start(py, "setpoint", setpoint(position_mm), true)?;
         match wait {
             true => self.until_rest(py, Allowance::UNKNOWN),

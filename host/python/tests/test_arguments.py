@@ -57,6 +57,7 @@ def test_faults_of_files_have_their_place(tmp_path):
         ({"roi": {"up": (0, 0, 10, 10)}}, "left, middle, right"),
         ({"mask": np.ones((3, 3), bool)}, "shape"),
         ({"mask": np.ones((240, 320), np.uint16)}, "uint8"),
+        ({"mask": np.ones((240, 320), np.uint8)}, "largest value is 1"),
         ({"threads": 0}, "1 to 64"),
         ({"threads": 1.5}, "whole"),
         ({"rotation": True}, "refuse"),

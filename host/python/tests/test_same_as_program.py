@@ -191,6 +191,10 @@ def test_recorded_images_measure_as_estimate(data, rig, tmp_path):
     expected = rows("estimate", path, "--json")
     recording = t.read(path)
     assert recording.rig == rig
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(path.read_bytes()[: -path.stat().st_size // 100])
+    with pytest.warns(UserWarning, match="is cut off at byte"):
+        t.read(cut)
     frames = list(recording)
     assert frames[1].time_us > frames[0].time_us
     flow = t.Flow(recording.rig)

@@ -58,6 +58,13 @@ def test_jog_without_wait_returns_at_once(station):
     assert station.position_mm[2] == 30
 
 
+def test_position_beyond_soft_limits_is_refused(station):
+    before = station.position_mm
+    with pytest.raises(ValueError, match=r"y = -300 mm .* travel_mm"):
+        station.move_to((10, -300, 0))
+    assert tuple(station.position_mm) == tuple(before)
+
+
 def test_soft_limit_shortens(station):
     station.jog(x=500)
     assert station.position_mm[0] == 60

@@ -63,6 +63,12 @@ def _mask(given: Any, rig: Rig) -> Optional[NDArray[Any]]:
             f"mask is {found.dtype} of the shape {found.shape}; it must be bool or uint8 of the "
             f"shape ({height}, {width}): True or at least 128 where points may be"
         )
+    brightest = int(found.max())
+    if brightest < 128:
+        raise ValueError(
+            f"mask hides every point: its largest value is {brightest}, and points may be where it "
+            "is True or at least 128"
+        )
     return np.ascontiguousarray(found)
 
 

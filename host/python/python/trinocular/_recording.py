@@ -12,7 +12,7 @@ from . import _trinocular
 from ._arrays import choice, number
 from ._paths import Path, existing
 from ._rig import Rig
-from ._words import in_python, words
+from ._words import in_python, warn, words
 
 if TYPE_CHECKING:
     import pandas
@@ -113,6 +113,8 @@ def read(
     ``pair`` is the rule by which the files of a folder are of one instant: "name", "order" or
     "time"; default is that of ``trinocular estimate``.
 
+    Warns of files that are not read, and of a recording that was cut off: its end is missing.
+
     Raises ValueError with file and reason, FileNotFoundError.
     """
     if rig is not None and not isinstance(rig, Rig):
@@ -124,4 +126,6 @@ def read(
     chosen = list((topics or {}).items())
     tolerance_us = round(tolerance_ms * 1e3)
     with words():
-        return Recording(_trinocular.Source(text, native, chosen, tolerance_us, pair), text)
+        source = _trinocular.Source(text, native, chosen, tolerance_us, pair)
+    warn(source.warnings)
+    return Recording(source, text)

@@ -100,6 +100,8 @@ class Station:
     def move_to(self, position_mm: Vector, *, wait: bool = True) -> None:
         """Move the stage to x, y, z in mm from its zero, and wait until it stands. A stage that
         moves to a position may get the next one. The position must be known: zero or home first.
+
+        Raises ValueError for a position outside the soft limits of the rig's stage.
         """
         position = vector(position_mm, "position_mm")
         if any(abs(mm) > FARTHEST_MM for mm in position):

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import Iterable, Iterator
 
 _REPLACED = [
-    (re.compile(r"--topic (\S+)=(/\S+)"), r'topics={"\1": "\2"}'),
+    (re.compile(r"--topic (\S+)=(/[^\s;,]+)"), r'topics={"\1": "\2"}'),
     (re.compile(r"--(rotation|pair|method) ([a-z-]+)"), r'\1="\2"'),
     (re.compile(r"--offset (\S+)=X,Y \(mm\)"), r'offsets_mm={"\1": (X, Y)}'),
     (re.compile(r"--offset (\S+):"), r"offsets_mm of \1:"),
@@ -26,6 +26,8 @@ def in_python(sentence: str) -> str:
     'to measure it: rotation="estimate"'
     >>> in_python("name it with --topic left=/TOPIC")
     'name it with topics={"left": "/TOPIC"}'
+    >>> in_python("name it with --topic left=/TOPIC; no topic has images")
+    'name it with topics={"left": "/TOPIC"}; no topic has images'
     >>> in_python("does not say where the camera is; give --offset left=X,Y (mm)")
     'does not say where the camera is; give offsets_mm={"left": (X, Y)}'
     """

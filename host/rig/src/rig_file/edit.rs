@@ -21,10 +21,24 @@ pub fn edited(
         InputError::file(file, format!("not valid TOML: {}", error.message()))
     })?;
     change(&mut document)?;
-    let text = document.to_string();
+    let text = written_like(text, &document.to_string());
     // Refuses invalid values with their line.
     RigFile::parse(file, &text)?;
     Ok(text)
+}
+
+/// Returns `new` with the line ends of `old`, and with its byte order mark if it has one: TOML's
+/// editor writes neither.
+fn written_like(old: &str, new: &str) -> String {
+    const MARK: char = '\u{feff}';
+    let mut text = new.trim_start_matches(MARK).replace("\r\n", "\n");
+    if old.contains("\r\n") {
+        text = text.replace('\n', "\r\n");
+    }
+    match old.starts_with(MARK) {
+        true => format!("{MARK}{text}"),
+        false => text,
+    }
 }
 
 /// Rounds `number` to a multiple of `1/parts`. Adding zero turns -0 into 0.
@@ -129,6 +143,23 @@ pub fn with_cameras(file: &Path, text: &str, rig: &RigFile) -> Result<String, In
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// As editors on Windows write them.
+    #[test]
+    fn line_ends_and_byte_order_mark_stay() {
+        let file = Path::new("rig.toml");
+        let rig = RigFile::paper();
+        for (mark, end) in [
+            ("", "\n"),
+            ("", "\r\n"),
+            ("\u{feff}", "\r\n"),
+            ("\u{feff}", "\n"),
+        ] {
+            let text = format!("{mark}# bench{end}{}", rig.to_toml().replace('\n', end));
+            let written = with_cameras(file, &text, &rig).expect("the same cameras");
+            assert_eq!(written, text);
+        }
+    }
 
     #[test]
     fn cameras_change_and_comments_stay() {

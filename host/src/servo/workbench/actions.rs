@@ -7,12 +7,12 @@ use std::time::Instant as HostInstant;
 use trinocular_client::below_step::check_steps;
 use trinocular_client::serial::in_words;
 use trinocular_client::shortened::shortened;
+use trinocular_client::travel::check_travel;
 use trinocular_client::{StationError, diagnosis};
 use trinocular_core::frame::message::{Command, Denial, Status};
 use trinocular_core::safety::{State, Trust};
 use trinocular_live::controls::{Action, Reply};
 use trinocular_rig::printable::printable;
-use trinocular_rig::rig_file::Stage;
 
 /// Refusal of a motion while another is under way.
 const STILL_MOVES: &str =
@@ -21,22 +21,6 @@ const STILL_MOVES: &str =
 /// Refusal of a request that the run did not come to in time.
 const STALE: &str = "the run came to this too late, so it was not done: see what the stage does, \
                      and send it again";
-
-/// Returns a refusal if a position is outside the soft limits.
-fn beyond(stage: &Stage, position_um: [i32; 3]) -> Option<String> {
-    (0..3).find_map(|axis| {
-        let mm = f64::from(position_um[axis]) / 1e3;
-        let [least, greatest] = stage.travel_mm[axis];
-        let is_within = (least..=greatest).contains(&mm);
-        let name = ['x', 'y', 'z'][axis];
-        (!is_within).then(|| {
-            format!(
-                "{name} = {mm} mm is outside the soft limits: travel_mm of the rig file is {least} \
-                 to {greatest} mm"
-            )
-        })
-    })
-}
 
 impl<B: Bench> Workbench<B> {
     /// Does what a page asks for, and answers it.
@@ -198,8 +182,8 @@ impl<B: Bench> Workbench<B> {
                 self.refuse("the station does not know where the stage is: zero or home it first")
             );
         }
-        if let Some(refusal) = beyond(&self.stage, position_um) {
-            return Ok(self.refuse(&refusal));
+        if let Err(beyond) = check_travel(&self.stage, position_um.map(|um| f64::from(um) / 1e3)) {
+            return Ok(self.refuse(&beyond.to_string()));
         }
         // To the nearest step of the position: an axis that is there stays.
         let distance_um = core::array::from_fn(|axis| {
