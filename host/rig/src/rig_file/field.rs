@@ -299,18 +299,27 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// Reads a whole number within `range`.
+    /// Reads a whole number within `range`; `80.0` is one.
     pub fn whole(&self, range: std::ops::RangeInclusive<u32>) -> Result<u32, InputError> {
-        let DeValue::Integer(integer) = self.value else {
-            return Err(self.wrong_kind("a whole number"));
+        let (text, number) = match self.value {
+            DeValue::Integer(integer) => {
+                let number = u32::from_str_radix(integer.as_str(), integer.radix());
+                (integer.to_string(), number.ok())
+            }
+            DeValue::Float(float) => {
+                let number: Option<f64> = float.as_str().parse().ok();
+                let Some(number) = number.filter(|number| number.fract() == 0.0) else {
+                    return Err(self.fault(format!("{float} is no whole number")));
+                };
+                let fits = (0.0..=f64::from(u32::MAX)).contains(&number);
+                (float.to_string(), fits.then_some(number as u32))
+            }
+            _ => return Err(self.wrong_kind("a whole number")),
         };
-        u32::from_str_radix(integer.as_str(), integer.radix())
-            .ok()
-            .filter(|whole| range.contains(whole))
-            .ok_or_else(|| {
-                let (low, high) = (range.start(), range.end());
-                self.fault(format!("{integer} is out of range ({low} to {high})"))
-            })
+        number.filter(|whole| range.contains(whole)).ok_or_else(|| {
+            let (low, high) = (range.start(), range.end());
+            self.fault(format!("{text} is out of range ({low} to {high})"))
+        })
     }
 
     /// Reads a text.

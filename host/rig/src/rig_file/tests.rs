@@ -554,6 +554,24 @@ fn trigger_is_read_and_written() {
 }
 
 #[test]
+fn whole_numbers_may_have_a_point() {
+    let text = paper_text() + "[trigger]\nrate_hz = 30.0\npulse_us = 2e3\n";
+    let trigger = parse(&text).expect("a rig").trigger.expect("it is there");
+    assert_eq!((trigger.rate_hz, trigger.pulse_us), (30, 2_000));
+    for (rate, says) in [
+        ("29.97", "29.97 is no whole number"),
+        ("nan", "no whole number"),
+        ("-30.0", "-30.0 is out of range"),
+        ("1e10", "1e10 is out of range"),
+        ("inf", "no whole number"),
+    ] {
+        let text = paper_text() + &format!("[trigger]\nrate_hz = {rate}\npulse_us = 2000\n");
+        let error = parse(&text).expect_err(rate).to_string();
+        assert!(error.contains(says), "{error}");
+    }
+}
+
+#[test]
 fn impossible_triggers_are_named() {
     let bad = [
         ("rate_hz = 0", "rate_hz"),
