@@ -241,6 +241,11 @@ impl Station {
 
     fn jog(&self, py: Python<'_>, distance_mm: [f64; 3], wait: bool) -> PyResult<()> {
         let distance_um = distance_mm.map(|mm| (mm * 1e3).round() as i32);
+        let is_lost = |axis: usize| distance_mm[axis] != 0.0 && distance_um[axis] == 0;
+        if let Some(axis) = (0..3).find(|axis| is_lost(*axis)) {
+            let (name, mm) = (['x', 'y', 'z'][axis], distance_mm[axis]);
+            return Err(value(format!("{name}={mm} is shorter than 0.001 mm")));
+        }
         if let Some(stage) = &self.stage {
             check_steps(stage, distance_um).map_err(value)?;
         }

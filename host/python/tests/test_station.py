@@ -29,6 +29,8 @@ def test_jog_moves_and_zero_counts_from_here(station):
 def test_jog_below_a_step_is_refused(station):
     with pytest.raises(ValueError, match="y=0.006 is less than half a step"):
         station.jog(x=1, y=0.006)
+    with pytest.raises(ValueError, match="z=0.0004 is shorter than 0.001 mm"):
+        station.jog(x=1, z=0.0004)
     assert station.position_mm == [0, 0, 0]
 
 
