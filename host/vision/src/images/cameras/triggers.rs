@@ -3,14 +3,14 @@
 //! An image with the time of another trigger would move the prediction, so an image is used only
 //! if its trigger is certain. Three things must agree:
 //!
-//! - *The instant of the trigger on this computer's clock.* The [reports] and the answers to pings
-//!   bound it for each trigger anew. A clock that stood still, as that of a suspended computer or
+//! - *The instant of the trigger on this computer's clock.* The reports (`reports`) and the answers to
+//!   pings bound it for each trigger anew. A clock that stood still, as that of a suspended computer or
 //!   of a simulated station, makes no wrong pair: the bounds are those of its new reading.
-//! - *The time from a trigger to the time stamp of its image.* It is [learnt](learning) from a few
+//! - *The time from a trigger to the time stamp of its image.* It is learnt (`learning`) from a few
 //!   triggers with a silence behind them, of which every camera must have taken all: so images and
 //!   triggers are counted off one by one. From then on it may differ by an eighth of a period. With
 //!   the bounds above, an image must fit one trigger, and no other.
-//! - *The count.* From one image to the next, the [camera's count](count) must advance as the
+//! - *The count.* From one image to the next, the camera's count (`count`) must advance as the
 //!   triggers do. A camera that left a trigger out does not count it, so the image after such a gap
 //!   is not used: it may as well be a late image of an earlier trigger.
 //!
