@@ -95,6 +95,7 @@ fn is_right_or_refused(done: &Outcome) -> bool {
     }
     let found = &done.json()[0];
     let cameras = found["cameras"].as_array().expect("cameras");
+    assert_eq!(cameras.len(), TRUTH_MS.len());
     for (camera, truth_ms) in cameras.iter().zip(TRUTH_MS) {
         let off_ms = number(camera, "delay_ms") - truth_ms;
         let sigma_ms = number(camera, "sigma_ms");
@@ -151,8 +152,10 @@ fn suspended_twin_gives_no_wrong_delay() {
         .current_dir(desk.path())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
-    let latency = latency.spawn().expect("it runs");
+    let mut latency = latency.spawn().expect("it runs");
     while !twin.is_away() {
+        let ended = latency.try_wait().expect("it is ours");
+        assert!(ended.is_none(), "it ended before the stage moved");
         std::thread::sleep(Duration::from_millis(20));
     }
     for _ in 0..2 {

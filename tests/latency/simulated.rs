@@ -62,6 +62,7 @@ fn delays_are_written_and_compared() {
     let text = std::fs::read_to_string(&rig).expect("it was written");
     assert!(text.starts_with("# our bench\n"), "{text}");
     let delays_ms = written_ms(&rig);
+    assert_eq!(delays_ms.len(), 3);
     for (delay_ms, truth_ms) in delays_ms.iter().zip([4.0, 7.5, -12.0]) {
         let delay_ms = delay_ms.expect("a delay");
         assert!((delay_ms - truth_ms).abs() < LIMIT_MS, "{delay_ms} ms");

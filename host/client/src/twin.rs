@@ -19,7 +19,7 @@ pub use on_port::TwinOnPort;
 use super::StationError;
 use super::conversation::Client;
 use super::observer::StationObserver;
-use super::stage::configuration;
+use super::stage::{configuration, setpoint};
 use super::tape::Tape;
 use crate::plant::Plant;
 use std::collections::VecDeque;
@@ -28,7 +28,7 @@ use trinocular_core::frame::encode::Bytes;
 use trinocular_core::frame::message::{Command, Denial, LastRun, Mounting, ResetCause, Status};
 use trinocular_core::machine::Board;
 use trinocular_core::replay::{EmulatedStation, Event};
-use trinocular_core::safety::Inputs;
+use trinocular_core::safety::{Inputs, State};
 use trinocular_core::steps::{PortMap, WordRate};
 use trinocular_core::time::Instant;
 use trinocular_rig::rig_file::Stage;
@@ -455,6 +455,22 @@ impl Twin {
     /// Sets the switches that the station senses.
     pub fn set_switches(&mut self, switches: Inputs) {
         self.hardware.set_switches(switches);
+    }
+
+    /// Sends the stage to a position, mm from zero, and lets time pass until it stands.
+    ///
+    /// # Errors
+    /// As [`Twin::command`].
+    pub fn go(&mut self, position_mm: [f64; 3]) -> Result<(), StationError> {
+        /// Longer than the time between two reports, µs.
+        const REPORTED_US: u64 = 110_000;
+        self.command("setpoint", setpoint(position_mm))?;
+        loop {
+            self.advance(self.now().plus_micros(REPORTED_US));
+            if self.status().map(|status| status.state) != Some(State::Moving) {
+                return Ok(());
+            }
+        }
     }
 
     /// Returns the station's latest status.

@@ -128,6 +128,9 @@ const PASSES: [f64; 4] = [1.0, -1.0, 1.0, -1.0];
 /// Number of images at rest: the keyframe, and those that show the noise.
 const AT_REST: usize = 13;
 
+/// Time for which a pass goes on after the motion, ms: more than the longest delay.
+const AFTER_MS: u64 = 400;
+
 /// Cameras and a stage that can move.
 trait Bench {
     /// Returns the position of the stage, mm from zero.
@@ -222,9 +225,7 @@ fn observe(
             let passed = bench.pass(at(axis, share), &mut |camera, stamp_s, image| {
                 observed.passing(camera, pass, stamp_s, image);
             })?;
-            if let Some((path, clock_ms)) = passed {
-                observed.end_pass(pass, path, clock_ms);
-            }
+            observed.end_pass(pass, passed);
         }
         bench.go(centre_mm)?;
     }

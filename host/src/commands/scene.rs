@@ -1,7 +1,9 @@
 //! Options of the rendered scene, shared by the commands that use the simulator.
 
+use super::failure::Failure;
 use clap::Args;
-use trinocular_vision::images::{SceneError, SceneSettings, TextureKind};
+use trinocular_core::rig::Rig;
+use trinocular_vision::images::{Scene, SceneError, SceneSettings, Texture, TextureKind};
 
 /// Options of the poster and of its rendered images.
 #[derive(Clone, Debug, Args)]
@@ -44,6 +46,15 @@ impl SceneOptions {
             noise_grey: self.noise,
             ..SceneSettings::default()
         }
+    }
+}
+
+impl SceneOptions {
+    /// Renders the poster before the cameras of a rig.
+    pub fn scene(&self, rig: &Rig) -> Result<Scene, Failure> {
+        let texture = Texture::of_kind(self.texture, self.seed);
+        let scene = Scene::new(rig, &texture, self.settings());
+        scene.map_err(|error| Failure::Usage(reason(&error)))
     }
 }
 

@@ -10,14 +10,9 @@ use trinocular_client::serial::Serial;
 use trinocular_client::stage::setpoint;
 use trinocular_client::twin::Twin;
 use trinocular_core::frame::message::Mounting;
+use trinocular_core::machine::TICK_US;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::Stage;
-
-/// Longest motion, ms.
-const LONGEST_MS: u64 = 10_000;
-
-/// Length of a control tick, µs.
-const TICK_US: u64 = 1_000;
 
 /// Model of a station and its stage.
 pub struct StageModel(Twin);
@@ -40,7 +35,7 @@ impl StageModel {
         let tick = model.client().answered_tick().unwrap_or_default();
         let start_us = u64::from(tick) * TICK_US;
         let (mut path, mut still_ms) = (Vec::new(), 0);
-        while still_ms < after_ms && path.len() < LONGEST_MS as usize {
+        while still_ms < after_ms {
             let at_mm = model.position_mm();
             let before = path.last().map(|(_, before_mm)| *before_mm);
             still_ms = if before == Some(at_mm) {
@@ -106,6 +101,20 @@ fn instant_of_tick(tick: u32, now_us: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use trinocular_client::stage::default_stage;
+
+    #[test]
+    fn model_comes_to_the_end_of_a_long_motion() {
+        let stage = Stage {
+            max_speed_mm_s: [5.0; 3],
+            ..default_stage()
+        };
+        let mut model = StageModel::start(&stage).ok().expect("it starts");
+        let path = model.go([58.0, 0.0, 0.0], 50).ok().expect("it is sent");
+        assert!(path.lasts_us() > 11_000_000);
+        let (_, end_mm) = path.0.last().expect("a path");
+        assert_eq!(*end_mm, [58.0, 0.0, 0.0]);
+    }
 
     #[test]
     fn tick_is_found_across_its_wrap() {

@@ -21,7 +21,7 @@ use trinocular_client::twin::real_time::RealTimeTwin;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::images::{Scene, Texture};
+use trinocular_vision::images::Scene;
 
 /// Simulate a station in real time, for other commands to connect to with `--port twin`
 ///
@@ -110,7 +110,7 @@ pub fn run(options: &TwinOptions, out: &mut impl Write) -> Result<(), Failure> {
     let stop = super::by_hand::on_interrupt()?;
     // Drawing takes seconds; a port that exists answers.
     let scene = match options.with_target {
-        true => Some(scene(options, &rig)?),
+        true => Some(options.scene.scene(&rig.rig)?),
         false => None,
     };
     let mut port = Port::open(options)?;
@@ -164,13 +164,6 @@ fn rig(path: Option<&Path>) -> Result<RigFile, Failure> {
         return Err(InputError::file(path, none).into());
     }
     Ok(rig)
-}
-
-/// Draws the poster of the simulated bench.
-fn scene(options: &TwinOptions, rig: &RigFile) -> Result<Scene, Failure> {
-    let texture = Texture::of_kind(options.scene.texture, options.scene.seed);
-    Scene::new(&rig.rig, &texture, options.scene.settings())
-        .map_err(|error| Failure::Usage(super::scene::reason(&error)))
 }
 
 #[cfg(unix)]

@@ -46,19 +46,24 @@ pub fn rounded(number: f64, parts: f64) -> f64 {
     (number * parts).round() / parts + 0.0
 }
 
+/// Replaces a value, which keeps the whitespace and comments around it.
+pub fn put(old: &mut Value, new: impl Into<Value>) {
+    let mut new = new.into();
+    *new.decor_mut() = old.decor().clone();
+    *old = new;
+}
+
 /// Replaces the numbers of an array; each keeps the whitespace and comments of its predecessor.
 pub fn replace(array: &mut Array, numbers: impl Iterator<Item = f64>) {
     for (old, number) in array.iter_mut().zip(numbers) {
-        let around = old.decor().clone();
-        *old = Value::from(number);
-        *old.decor_mut() = around;
+        put(old, number);
     }
 }
 
 /// Returns a camera's table, for either form of the list of cameras.
-pub fn camera<'a>(cameras: &'a mut Item, name: &str) -> Option<&'a mut dyn TableLike> {
+pub fn camera<'a>(document: &'a mut DocumentMut, name: &str) -> Option<&'a mut dyn TableLike> {
     let is_named = |table: &dyn TableLike| table.get("name").and_then(Item::as_str) == Some(name);
-    match cameras {
+    match document.get_mut("camera")? {
         Item::ArrayOfTables(tables) => {
             let table = tables.iter_mut().find(|table| is_named(*table))?;
             Some(table)
@@ -117,14 +122,10 @@ pub fn with_cameras(file: &Path, text: &str, rig: &RigFile) -> Result<String, In
             .and_then(Item::as_array_mut);
         let sides = size.into_iter().flat_map(Array::iter_mut);
         for (old, side) in sides.zip(rig.rig.image_size_px) {
-            let around = old.decor().clone();
-            *old = Value::from(i64::from(side));
-            *old.decor_mut() = around;
+            put(old, i64::from(side));
         }
         for (name, camera) in rig.names.iter().zip(&rig.rig.cameras) {
-            let table = document.get_mut("camera");
-            let table = table.and_then(|cameras| self::camera(cameras, name));
-            let table = table.ok_or_else(other)?;
+            let table = self::camera(document, name).ok_or_else(other)?;
             write(table, "focal_px", camera.focal_px.into_iter());
             write(table, "principal_px", camera.principal_px.into_iter());
             write(table, "offset_mm", camera.offset_mm.into_iter());

@@ -6,6 +6,7 @@ use crate::commands::cameras;
 use crate::commands::driven::Driven;
 use crate::commands::failure::Failure;
 use crate::commands::stage_model::{Anchor, StageModel};
+use crate::commands::warnings;
 use std::path::PathBuf;
 use std::time::Duration;
 use trinocular_client::StationError;
@@ -110,9 +111,9 @@ impl StageBench for Live {
         }
         self.driven.arrive()?;
         if self.driven.clock_jumps() != jumps_before {
-            notice!(
-                "warning: the station's clock jumped while the stage moved, because the station or \
-                 this computer was held up: the delay may be wrong; run this again"
+            warnings::raise(
+                "the station's clock jumped while the stage moved, because the station or \
+                 this computer was held up: the delay may be wrong; run this again",
             );
         }
         let serial = self.driven.hand.serial();

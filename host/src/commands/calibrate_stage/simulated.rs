@@ -6,9 +6,8 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use trinocular_client::stage::setpoint;
 use trinocular_client::twin::Twin;
 use trinocular_core::frame::message::Mounting;
-use trinocular_core::safety::State;
 use trinocular_rig::rig_file::{RigFile, Stage};
-use trinocular_vision::images::{FrameSet, Scene, Texture};
+use trinocular_vision::images::{FrameSet, Scene};
 
 /// Longest duration of a pass, ms.
 const PASS_MS: u64 = 400;
@@ -48,13 +47,10 @@ pub fn bench(
     if let Some(axis) = options.mirrored {
         axes[axis as usize] = -axes[axis as usize];
     }
-    let texture = Texture::of_kind(options.scene.texture, options.scene.seed);
-    let scene = Scene::new(&rig.rig, &texture, options.scene.settings())
-        .map_err(|error| Failure::Usage(error.to_string()))?;
     Ok(Simulated {
         twin: Twin::start(stage, "twin", Mounting::OnStage)
             .map_err(|error| Failure::of_station(None, error))?,
-        scene,
+        scene: options.scene.scene(&rig.rig)?,
         mounted: turn.matrix() * Matrix3::from_diagonal(&axes),
         seed: options.scene.seed,
         late_us: (options.late * 1e3).round() as i64,
@@ -67,16 +63,9 @@ impl StageBench for Simulated {
     }
 
     fn go(&mut self, position_mm: [f64; 3]) -> Result<[f64; 3], Failure> {
-        self.twin
-            .command("setpoint", setpoint(position_mm))
-            .map_err(|error| Failure::of_station(None, error))?;
-        loop {
-            self.twin.advance(self.twin.now().plus_micros(110_000));
-            let status = self.twin.status().map(|status| status.state);
-            if status != Some(State::Moving) {
-                return self.position_mm();
-            }
-        }
+        let gone = self.twin.go(position_mm);
+        gone.map_err(|error| Failure::of_station(None, error))?;
+        self.position_mm()
     }
 
     fn pass(&mut self, position_mm: [f64; 3]) -> Result<Option<Pass>, Failure> {

@@ -1,7 +1,7 @@
 //! A station on a port, and live cameras, each on its own: their images are not put together, since
 //! their delays are not known yet.
 
-use super::{Bench, LatencyOptions, See};
+use super::{AFTER_MS, Bench, LatencyOptions, See};
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
 use crate::commands::driven::Driven;
@@ -22,19 +22,16 @@ const SETTLED_US: u64 = 500_000;
 /// Time from the start of cameras with a clock of their own until their stamps have settled, µs.
 const OWN_CLOCK_US: u64 = 8_000_000;
 
-/// Time beyond the motion for which a pass lasts, ms: the longest delay.
-const AFTER_MS: u64 = 400;
-
 /// Camera, and the lead of the line's clock over its own, µs.
-struct Eye {
+struct LiveCamera {
     camera: LiveCameras,
-    behind_us: i64,
+    line_ahead_us: i64,
 }
 
 /// Station on a port, live cameras, and the model of the stage's path.
 pub struct Live {
     driven: Driven,
-    eyes: Vec<Eye>,
+    cameras: Vec<LiveCamera>,
     model: StageModel,
     source: PathBuf,
     /// Instant of the line's clock from which on stamps have settled, µs.
@@ -58,13 +55,13 @@ pub fn bench(
         let nothing_to_tell = |_: &InputError| ();
         LiveCameras::start(vec![camera], window, &[], stop.clone(), nothing_to_tell)
     };
-    let cameras: Vec<LiveCameras> = opened.into_iter().map(start).collect::<Result<_, _>>()?;
+    let started: Vec<LiveCameras> = opened.into_iter().map(start).collect::<Result<_, _>>()?;
     let model = StageModel::start(stage)?;
     let driven = driven()?;
     let serial = driven.hand.serial();
-    let eyes = cameras.into_iter().map(|camera| {
-        let behind_us = offset_us(|| serial.now_us(), || camera.now_us());
-        Eye { camera, behind_us }
+    let cameras = started.into_iter().map(|camera| LiveCamera {
+        line_ahead_us: offset_us(|| serial.now_us(), || camera.now_us()),
+        camera,
     });
     let names: Vec<String> = devices
         .iter()
@@ -76,7 +73,7 @@ pub fn bench(
     };
     let mut live = Live {
         settled_us: serial.now_us() + own_clock_us,
-        eyes: eyes.collect(),
+        cameras: cameras.collect(),
         driven,
         model,
         source: PathBuf::from(names.join(",")),
@@ -94,14 +91,14 @@ impl Live {
     /// Gives `see` the newest image of each camera whose stamp is from `from_us` on, by the line's
     /// clock.
     fn look(&mut self, from_us: u64, see: &mut See<'_>) -> Result<(), Failure> {
-        for (index, eye) in self.eyes.iter_mut().enumerate() {
+        for (index, live) in self.cameras.iter_mut().enumerate() {
             let line = self.driven.hand.serial().check();
             line.map_err(|error| self.driven.hand.failed(error))?;
-            let set = match eye.camera.next() {
+            let set = match live.camera.next() {
                 Some(set) => set?,
                 None => return Err(self.driven.hand.failed(StationError::Cancelled)),
             };
-            let stamp_us = set.time_us as i64 + eye.behind_us;
+            let stamp_us = set.time_us as i64 + live.line_ahead_us;
             if stamp_us < from_us as i64 {
                 continue;
             }
@@ -127,7 +124,7 @@ impl Bench for Live {
 
     fn rest(&mut self, count: usize, see: &mut See<'_>) -> Result<(), Failure> {
         let from_us = self.settled_us.max(self.now_us() + SETTLED_US);
-        let mut seen = vec![0; self.eyes.len()];
+        let mut seen = vec![0; self.cameras.len()];
         while seen.iter().any(|seen| *seen < count) {
             self.look(from_us, &mut |camera, stamp_s, image| {
                 seen[camera] += 1;

@@ -10,10 +10,9 @@ use trinocular_vision::images::Image;
 /// One pass of the stage.
 struct Pass {
     axis: usize,
-    /// Path of the stage; `None` if the station's clock jumped meanwhile.
-    path: Option<Path>,
-    /// Bound of the error of the path's clock, ms.
-    clock_ms: f64,
+    /// Path of the stage and the bound of its clock's error, ms; `None` if the station's clock jumped
+    /// meanwhile.
+    path: Option<(Path, f64)>,
 }
 
 /// Moment of an image whose points were followed.
@@ -73,11 +72,7 @@ impl Observed {
 
     /// Begins a pass along an axis; returns its number. It counts once it has ended.
     pub fn begin_pass(&mut self, axis: usize) -> usize {
-        self.passes.push(Pass {
-            axis,
-            path: None,
-            clock_ms: 0.0,
-        });
+        self.passes.push(Pass { axis, path: None });
         self.passes.len() - 1
     }
 
@@ -90,10 +85,10 @@ impl Observed {
         }
     }
 
-    /// Ends a pass with the path of the stage and the bound of its clock's error, ms.
-    pub fn end_pass(&mut self, pass: usize, path: Path, clock_ms: f64) {
-        let pass = &mut self.passes[pass];
-        (pass.path, pass.clock_ms) = (Some(path), clock_ms);
+    /// Ends a pass with the path of the stage and the bound of its clock's error, ms; with `None` if
+    /// the station's clock jumped meanwhile.
+    pub fn end_pass(&mut self, pass: usize, path: Option<(Path, f64)>) {
+        self.passes[pass].path = path;
     }
 
     /// Refuses passes in most of which the station's clock jumped.
@@ -112,8 +107,8 @@ impl Observed {
 
     /// Returns the bound of the error of the station's clock, ms.
     pub fn clock_ms(&self) -> f64 {
-        let bounds = self.passes.iter().map(|pass| pass.clock_ms);
-        bounds.fold(0.0, f64::max)
+        let paths = self.passes.iter().filter_map(|pass| pass.path.as_ref());
+        paths.map(|(_, bound_ms)| *bound_ms).fold(0.0, f64::max)
     }
 
     /// Returns the stamps of all images of a camera on the passes, s.
@@ -135,7 +130,7 @@ impl Observed {
         let nowhere = Path::default();
         let passages = self.passes.iter().map(|pass| Passage {
             axis: pass.axis,
-            path: pass.path.as_ref().unwrap_or(&nowhere),
+            path: pass.path.as_ref().map_or(&nowhere, |(path, _)| path),
             looks: Vec::new(),
         });
         let mut passages: Vec<Passage<'_>> = passages.collect();
@@ -165,5 +160,23 @@ fn scatter_px(places_px: &[[f64; 2]]) -> f64 {
     match places_px.len() {
         0 | 1 => 0.0,
         _ => ((squares[0] + squares[1]) / (2.0 * (count - 1.0))).sqrt(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clock_may_jump_in_half_of_the_passes() {
+        for (steady, is_used) in [(8, true), (4, true), (3, false), (0, false)] {
+            let observed = Observed::start(&RigFile::paper(), &[]);
+            let mut observed = observed.ok().expect("no camera has a bad keyframe");
+            for number in 0..8 {
+                let pass = observed.begin_pass(0);
+                observed.end_pass(pass, (number < steady).then(|| (Path::default(), 0.1)));
+            }
+            assert_eq!(observed.check_clock().is_ok(), is_used, "{steady}");
+        }
     }
 }

@@ -1,24 +1,15 @@
 //! A twin whose stage carries rendered cameras, with stamps that are late.
 
-use super::{Bench, LatencyOptions, See};
+use super::{AFTER_MS, Bench, LatencyOptions, See};
 use crate::commands::cameras::per_camera_delays_ms;
 use crate::commands::failure::Failure;
 use trinocular_client::stage::setpoint;
 use trinocular_client::twin::Twin;
 use trinocular_core::frame::message::Mounting;
-use trinocular_core::safety::State;
+use trinocular_core::machine::TICK_US;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::hand_eye::delay::Path;
-use trinocular_vision::images::{Scene, Texture};
-
-/// Time for which the stage rests after a motion, µs: the longest delay.
-const AFTER_US: u64 = 400_000;
-
-/// Longest motion, µs.
-const LONGEST_US: u64 = 10_000_000;
-
-/// Time between two points of the path, µs.
-const TICK_US: u64 = 1_000;
+use trinocular_vision::images::Scene;
 
 /// Twin and rendered scene.
 pub struct Simulated {
@@ -35,13 +26,10 @@ pub struct Simulated {
 /// Switches the twin on, at zero.
 pub fn bench(options: &LatencyOptions, rig: &RigFile, stage: &Stage) -> Result<Simulated, Failure> {
     let delays_ms = per_camera_delays_ms(options.camera_delay.as_deref(), rig)?;
-    let texture = Texture::of_kind(options.scene.texture, options.scene.seed);
-    let scene = Scene::new(&rig.rig, &texture, options.scene.settings())
-        .map_err(|error| Failure::Usage(crate::commands::scene::reason(&error)))?;
     Ok(Simulated {
         twin: Twin::start(stage, "twin", Mounting::OnStage)
             .map_err(|error| Failure::of_station(None, error))?,
-        scene,
+        scene: options.scene.scene(&rig.rig)?,
         seed: options.scene.seed,
         period_us: (1e6 / options.fps).round() as u64,
         next_us: 0,
@@ -50,12 +38,6 @@ pub fn bench(options: &LatencyOptions, rig: &RigFile, stage: &Stage) -> Result<S
 }
 
 impl Simulated {
-    fn send(&mut self, position_mm: [f64; 3]) -> Result<(), Failure> {
-        self.twin
-            .command("setpoint", setpoint(position_mm))
-            .map_err(|error| Failure::of_station(None, error))
-    }
-
     /// Lets a tick pass; returns true if it ends with images.
     fn tick(&mut self) -> bool {
         let end_us = self.twin.now().micros() + TICK_US;
@@ -86,14 +68,8 @@ impl Bench for Simulated {
     }
 
     fn go(&mut self, position_mm: [f64; 3]) -> Result<(), Failure> {
-        self.send(position_mm)?;
-        loop {
-            self.twin.advance(self.twin.now().plus_micros(110_000));
-            let status = self.twin.status().map(|status| status.state);
-            if status != Some(State::Moving) {
-                return Ok(());
-            }
-        }
+        let gone = self.twin.go(position_mm);
+        gone.map_err(|error| Failure::of_station(None, error))
     }
 
     fn rest(&mut self, count: usize, see: &mut See<'_>) -> Result<(), Failure> {
@@ -109,10 +85,10 @@ impl Bench for Simulated {
         position_mm: [f64; 3],
         see: &mut See<'_>,
     ) -> Result<Option<(Path, f64)>, Failure> {
-        self.send(position_mm)?;
-        let start_us = self.twin.now().micros();
+        let sent = self.twin.command("setpoint", setpoint(position_mm));
+        sent.map_err(|error| Failure::of_station(None, error))?;
         let mut path = Path::default();
-        let (mut moved_us, mut last_mm) = (start_us, self.twin.position_mm());
+        let (mut moved_us, mut last_mm) = (self.twin.now().micros(), self.twin.position_mm());
         loop {
             let now_us = self.twin.now().micros();
             let at_mm = self.twin.position_mm();
@@ -120,7 +96,7 @@ impl Bench for Simulated {
             if at_mm != last_mm {
                 (moved_us, last_mm) = (now_us, at_mm);
             }
-            if now_us - moved_us >= AFTER_US || now_us - start_us >= LONGEST_US {
+            if now_us - moved_us >= 1_000 * AFTER_MS {
                 return Ok(Some((path, 0.0)));
             }
             if self.tick() {

@@ -43,9 +43,7 @@ pub fn corrected(
     edited(file, text, |document| {
         for correction in corrections {
             let name = correction.name;
-            let camera = document
-                .get_mut("camera")
-                .and_then(|cameras| edit::camera(cameras, name))
+            let camera = edit::camera(document, name)
                 .ok_or_else(|| InputError::file(file, format!("there is no camera `{name}`")))?;
             let rounded = |number: &f64| edit::rounded(*number, DECIMALS);
             let principal_px = correction.principal_px.iter().map(rounded);

@@ -95,7 +95,8 @@ pub struct Latency {
     pub images: usize,
     /// Number of passes that were used.
     pub passes: usize,
-    /// Number of passes that were left out, because they disagree with the others.
+    /// Number of passes that were left out, because they disagree with the others, have too few
+    /// images, or the station's clock jumped.
     pub left_out: usize,
     /// Root mean square of the residuals, px.
     pub scatter_px: f64,
@@ -170,8 +171,8 @@ pub enum Refusal {
 
 /// Fits the delay of one camera's time stamps, -100 to 300 ms. `noise_px` is the standard deviation
 /// of the points' mean motion at rest, `clock_ms` the bound of the error of the station's clock.
-/// The error is that of the stated sigma (test `delay_is_found_within_four_sigma`), which is at most
-/// 1 ms.
+/// The error stays within four of the stated sigma (test `delay_is_found_within_four_sigma`), which
+/// is at most 1 ms.
 ///
 /// # Errors
 /// [`Refusal`].
@@ -280,7 +281,7 @@ fn agreeing<'a>(
 
 /// Returns how far apart two cameras expose, ms, from the instants of their exposures, s: nine of
 /// ten images are at most this far from the nearest one of the other camera. Images whose partner
-/// was lost do not count. `None` without pairs.
+/// was lost do not count, as long as fewer than half were. `None` without pairs.
 pub fn apart_ms(first_s: &[f64], other_s: &[f64]) -> Option<f64> {
     let periods = first_s.windows(2).map(|pair| pair[1] - pair[0]);
     let half_s = median(periods.collect()) / 2.0;
@@ -293,8 +294,8 @@ pub fn apart_ms(first_s: &[f64], other_s: &[f64]) -> Option<f64> {
     let mut apart_s: Vec<f64> = other_s.iter().filter_map(nearest).collect();
     apart_s.retain(|apart_s| *apart_s <= 1.01 * half_s);
     apart_s.sort_by(f64::total_cmp);
-    let index = (apart_s.len() * 9 / 10).min(apart_s.len().saturating_sub(1));
-    apart_s.get(index).map(|apart_s| 1e3 * apart_s)
+    let most_s = apart_s.get(apart_s.len() * 9 / 10);
+    most_s.map(|apart_s| 1e3 * apart_s)
 }
 
 #[cfg(test)]

@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn other_image_is_not_counted() {
+    fn image_without_the_points_is_not_counted() {
         let scene = scene();
         let mut motion = PixelMotion::start(&image(&scene, 0.0, 1)).expect("texture");
         let mut dark = image(&scene, 0.0, 2);

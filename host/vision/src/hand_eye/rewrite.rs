@@ -6,7 +6,7 @@ use std::path::Path;
 use toml_edit::{Item, Value};
 
 use trinocular_rig::error::InputError;
-use trinocular_rig::rig_file::edit::{camera, edited, replace, rounded};
+use trinocular_rig::rig_file::edit::{camera, edited, put, replace, rounded};
 
 /// Reciprocal of the resolution of an element: a µm in a metre.
 const DECIMALS: f64 = 1e6;
@@ -47,18 +47,13 @@ pub fn with_delays<'a>(
 ) -> Result<String, InputError> {
     edited(file, text, |document| {
         for (name, delay_ms) in delays_ms {
-            let table = document.get_mut("camera");
-            let table = table.and_then(|cameras| camera(cameras, name));
-            let table =
-                table.ok_or_else(|| InputError::file(file, format!("has no camera `{name}`")))?;
-            let mut value = Value::from(rounded(delay_ms, DELAY_DECIMALS));
+            let table = camera(document, name)
+                .ok_or_else(|| InputError::file(file, format!("there is no camera `{name}`")))?;
+            let delay_ms = rounded(delay_ms, DELAY_DECIMALS);
             match table.get_mut("delay_ms").and_then(Item::as_value_mut) {
-                Some(old) => {
-                    *value.decor_mut() = old.decor().clone();
-                    *old = value;
-                }
+                Some(old) => put(old, delay_ms),
                 None => {
-                    table.insert("delay_ms", Item::Value(value));
+                    table.insert("delay_ms", Item::Value(Value::from(delay_ms)));
                 }
             }
         }

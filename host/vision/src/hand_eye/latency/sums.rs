@@ -2,8 +2,8 @@
 
 use super::Passage;
 
-/// Sums of the passes along one axis, means of each pass taken off: of the stage's position `s`, its
-/// speed `v`, and the motion `u` along both axes of the image.
+/// Sums over the passes along one axis, less the means of each pass: of products of the stage's
+/// position `s`, its speed `v`, and the motion `u` along both axes of the image.
 #[derive(Clone, Copy, Debug, Default)]
 struct AxisSums {
     ss: f64,
@@ -17,7 +17,7 @@ struct AxisSums {
 
 impl AxisSums {
     fn add(&mut self, passage: &Passage<'_>, delay_s: f64) {
-        let count = passage.looks.len().max(1) as f64;
+        let count = passage.looks.len() as f64;
         let row = |look: &super::Look| {
             let at_s = look.stamp_s - delay_s;
             let s = passage.path.at(at_s)[passage.axis];
@@ -73,9 +73,7 @@ impl Fit {
     pub fn at(passages: &[&Passage<'_>], delay_s: f64) -> Self {
         let mut axes = [AxisSums::default(); 3];
         for passage in passages {
-            if let Some(sums) = axes.get_mut(passage.axis) {
-                sums.add(passage, delay_s);
-            }
+            axes[passage.axis].add(passage, delay_s);
         }
         Self {
             delay_s,

@@ -184,13 +184,11 @@ fn exposures_are_compared_with_the_nearest() {
     let apart = |other_s: &[f64]| apart_ms(&first_s, other_s).expect("pairs");
     assert!(apart(&first_s) < 1e-9);
     assert!((apart(&at(0.003, 0.02)) - 3.0).abs() < 1e-6);
-    // Every other partner was lost.
-    let sparse: Vec<f64> = first_s.iter().step_by(2).copied().collect();
+    // A fifth of the partners was lost.
+    let kept = first_s.iter().enumerate().filter(|(k, _)| k % 5 != 0);
+    let sparse: Vec<f64> = kept.map(|(_, at_s)| *at_s).collect();
     let lost = apart_ms(&sparse, &at(0.003, 0.02)).expect("pairs");
-    assert!(
-        (lost - 3.0).abs() < 1e-6 || (lost - 17.0).abs() < 1e-6,
-        "{lost}"
-    );
+    assert!((lost - 3.0).abs() < 1e-6, "{lost}");
     // Clocks that drift meet at every phase.
     assert!(apart(&at(0.0, 0.0205)) > 8.0);
     assert_eq!(apart_ms(&[], &[1.0]), None);
