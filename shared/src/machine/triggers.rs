@@ -189,7 +189,7 @@ impl Machine {
     pub(super) fn plan_triggers(&mut self, due: Instant) {
         self.triggers.edges.begin = None;
         self.triggers.edges.end = None;
-        // Almost always, and then it shall cost little.
+        // Most segments have no edge, and cost little.
         if !self.triggers.are_idle() {
             let from = due.plus_micros(self.board.delay_us.into());
             self.triggers.plan(from, self.board.word_rate);
@@ -198,13 +198,14 @@ impl Machine {
 
     /// Reports the triggers that the cameras got, and counts those that they did not get.
     pub(super) fn report_triggers(&mut self) {
+        // First: what the engine lost since the last tick is no longer on its way to the pins.
+        self.triggers.check_losses(self.inputs.trigger_losses);
         let now = self.now();
         while let Some(triggered) = self.triggers.next_given(now) {
             if self.outbox.triggered(triggered).is_err() {
                 self.drops.answers = self.drops.answers.saturating_add(1);
             }
         }
-        self.triggers.check_losses(self.inputs.trigger_losses);
     }
 }
 

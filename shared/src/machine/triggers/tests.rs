@@ -111,7 +111,11 @@ impl Bench {
     }
 
     fn wait(&mut self, ms: u64) {
-        let end = self.station.now().plus_micros(1_000 * ms);
+        self.wait_us(1_000 * ms);
+    }
+
+    fn wait_us(&mut self, us: u64) {
+        let end = self.station.now().plus_micros(us);
         let mut words = [0; 250];
         loop {
             match self.station.run(end, &mut words) {
@@ -338,4 +342,34 @@ fn triggers_lost_by_the_engine_get_no_number() {
     assert!((1..=3).contains(&after.lost), "{after:?}");
     let due = after.instant.since(before.instant) / 1_000;
     assert_eq!(u64::from(after.number - before.number + after.lost), due);
+}
+
+/// The engine loses what stands in the ring at any time between two control ticks.
+#[test]
+fn lost_trigger_is_never_reported() {
+    // At every phase of the ticks.
+    let fast = Trigger {
+        rate_hz: 907,
+        pulse_us: 100,
+        active_low: false,
+    };
+    for phase_us in (0..20_000).step_by(90) {
+        let mut bench = Bench::new(Some(CAMERA));
+        assert_eq!(bench.ask(Command::Trigger(fast)), ACCEPTED);
+        bench.wait_us(50_000 + phase_us);
+        let lost_us = bench.station.now().micros();
+        bench.station.set_switches(Inputs {
+            trigger_losses: 1,
+            ..Inputs::default()
+        });
+        bench.wait(50);
+        let lost_us = lost_us..=lost_us + u64::from(RING);
+        let instants = bench.triggered.iter().map(|it| it.instant.micros());
+        let reported: Vec<u64> = instants.filter(|at| lost_us.contains(at)).collect();
+        assert!(
+            reported.is_empty(),
+            "{phase_us}: {reported:?} of {lost_us:?}"
+        );
+        assert!(bench.triggered.last().is_some_and(|it| it.lost > 0));
+    }
 }
