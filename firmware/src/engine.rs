@@ -381,7 +381,7 @@ pub fn stop() {
         .write(|w| w.0 = IDLE_WORD | CAMERA_REST.load(Relaxed));
 }
 
-/// Counts the triggers on their way as lost.
+/// Notes that the triggers on their way are lost; the machine counts them.
 fn lose_triggers() {
     TRIGGER_LOSSES.fetch_add(1, Relaxed);
 }

@@ -1,7 +1,9 @@
 //! Meaning of the station's states, faults and denials for the operator: one table, which
 //! `trinocular diagnose` prints and every message quotes.
 
-use trinocular_core::frame::message::{Denial, End, Hello, LastRun, ResetCause, Status};
+use trinocular_core::frame::message::{
+    ConfigField, Denial, End, Hello, LastRun, ResetCause, Setting, Status,
+};
 use trinocular_core::safety::{Fault, State, Trust};
 use trinocular_core::track::pursuit::Sight;
 
@@ -251,7 +253,11 @@ pub const fn remedy(denial: Denial) -> Option<&'static str> {
             "`trinocular status` names the fault; remove its cause, then `trinocular reset`"
         }
         Denial::CauseRemains => "release the emergency stop, or see to the driver, then again",
-        Denial::Config(_) => "correct the [stage] or the [trigger] of the rig file",
+        Denial::Config(ConfigField::Value {
+            setting: Setting::TriggerRate | Setting::TriggerPulse,
+            ..
+        }) => "correct the [trigger] of the rig file",
+        Denial::Config(_) => "correct the [stage] of the rig file",
         Denial::LimitSwitch => "move the other way, off the switch",
         Denial::Dropped => "`trinocular reset` lets it move again, then send it anew",
         Denial::OutsideTravel { .. } => {

@@ -270,8 +270,7 @@ fn in_use(holder: Option<&serial::Holder>) -> String {
         Some(serial::Holder { pid, command }) => {
             format!(
                 "in use by `{command}` (process {pid}); end it with Ctrl-C there, or run \
-                 `trinocular stop`: a run of this program then ends, but for `serve`, which lets \
-                 others move the stage unless it follows"
+                 `trinocular stop`, which ends a run of this program, or the following of `serve`"
             )
         }
         None => {

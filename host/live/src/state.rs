@@ -179,7 +179,10 @@ impl Snapshot {
     pub fn into_json(self) -> Value {
         let notes = self.notes.iter();
         let notes: Vec<Value> = notes
-            .map(|note| json!({"at_s": rounded(note.at_s, 1e6), "kind": note.kind, "text": note.text}))
+            .map(|note| {
+                let at_s = rounded(note.at_s, 1e6);
+                json!({"at_s": at_s, "kind": note.kind, "text": note.text})
+            })
             .collect();
         json!({
             "type": "state",

@@ -56,9 +56,7 @@ impl Sample {
             points: turn.estimate.map_or(0, |estimate| estimate.points),
         }
     }
-}
 
-impl Sample {
     /// Returns the numbers by their names, for scripts.
     pub fn named(&self) -> Value {
         let vector = |v: Option<[f64; 3]>| v.map(|v| v.map(short));

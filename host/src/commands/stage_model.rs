@@ -109,8 +109,10 @@ mod tests {
             max_speed_mm_s: [5.0; 3],
             ..default_stage()
         };
-        let mut model = StageModel::start(&stage).ok().expect("it starts");
-        let path = model.go([58.0, 0.0, 0.0], 50).ok().expect("it is sent");
+        let path = StageModel::start(&stage).and_then(|mut model| model.go([58.0, 0.0, 0.0], 50));
+        let Ok(path) = path else {
+            panic!("the model refuses to start or to move");
+        };
         assert!(path.lasts_us() > 11_000_000);
         let (_, end_mm) = path.0.last().expect("a path");
         assert_eq!(*end_mm, [58.0, 0.0, 0.0]);

@@ -59,6 +59,15 @@ impl Triggering {
     /// If a camera does not give one image of each of these triggers, as often as this is tried;
     /// if the station cannot be reached or has no camera pin.
     pub fn start(&self, station: &mut StationLink) -> Result<(), ServoError> {
+        let started = self.learn_and_start(station);
+        if started.is_err() {
+            // A station that cannot be reached goes on: triggers move nothing.
+            let _ = station.command("trigger", Command::Trigger(Settings::OFF));
+        }
+        started
+    }
+
+    fn learn_and_start(&self, station: &mut StationLink) -> Result<(), ServoError> {
         let settings = self.trigger.settings();
         let slow = Settings {
             rate_hz: settings.rate_hz.min(LEARNING_HZ),

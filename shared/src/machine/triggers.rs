@@ -13,9 +13,8 @@ use heapless::Deque;
 /// Time from the start to the first trigger, µs: the pin is at its level at rest by then.
 const BEFORE_FIRST_US: u64 = 10_000;
 
-/// Time after a trigger by which the step engine has counted a loss, µs: it checks its streams once
-/// per segment.
-const CERTAIN_US: u64 = 2 * SEGMENT_US;
+// The step engine has counted a loss by then: it checks its streams once per segment.
+const _: () = assert!(Triggered::REPORTED_AFTER_US == 2 * SEGMENT_US);
 
 /// Largest number of triggers that are planned and not reported: those of 4 ms.
 const PLANNED: usize = 8;
@@ -136,7 +135,7 @@ impl Triggers {
     /// Takes the next trigger that the cameras have certainly got by `now`.
     fn next_given(&mut self, now: Instant) -> Option<Triggered> {
         let instant = *self.planned.front()?;
-        if instant.plus_micros(CERTAIN_US) > now {
+        if instant.plus_micros(Triggered::REPORTED_AFTER_US) > now {
             return None;
         }
         self.planned.pop_front();

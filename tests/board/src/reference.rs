@@ -18,8 +18,7 @@ use trinocular_core::time::Instant;
 /// Run of the twin.
 #[derive(Debug, Default)]
 struct Expected {
-    /// Reports of the twin.
-    /// Instants, µs of the station's clock, and reports.
+    /// Reports of the twin, with their instants, µs of the station's clock.
     reports: Vec<(u64, Report)>,
     /// Edges of its pins: µs of the station's clock, and the levels afterwards.
     edges: Vec<(u64, u16)>,
@@ -75,7 +74,7 @@ fn effect_us(reports: &[(Beats, Report)], sent: &Sent) -> Option<(u64, u64)> {
 /// Returns the moment of the control tick that reports a trigger: the first one by which the step
 /// engine has certainly played it.
 fn trigger_tick_us(triggered: &Triggered) -> u64 {
-    let certain_us = triggered.instant.micros() + 2 * SEGMENT_US;
+    let certain_us = triggered.instant.micros() + Triggered::REPORTED_AFTER_US;
     certain_us.next_multiple_of(TICK_US)
 }
 

@@ -107,7 +107,7 @@ fn pulses_match_reports_and_leave_steps_alone() {
 
 /// A processor that takes 75 % longer for everything, and pulses that are low.
 #[test]
-fn slow_processor_and_low_pulses() {
+fn low_pulses_of_a_slow_processor_are_right() {
     let make = Make {
         slowness: 7,
         ..Make::default()

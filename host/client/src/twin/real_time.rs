@@ -43,7 +43,7 @@ pub struct RealTimeTwin {
 
 /// Images that a station has triggered.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Triggered {
+pub struct TimedExposure {
     /// Instant of this computer.
     pub at: Instant,
     /// [`RealTimeTwin::passed`] then.
@@ -129,13 +129,13 @@ impl RealTimeTwin {
     }
 
     /// Takes the triggers since the last call.
-    pub fn exposures(&mut self) -> Vec<Triggered> {
+    pub fn exposures(&mut self) -> Vec<TimedExposure> {
         let (now, passed, station) = (self.last, self.passed, self.hardware.station.now());
         let exposures = self.hardware.exposures.drain(..);
         exposures
             .map(|Exposure { at, stage_mm }| {
                 let ago = Duration::from_micros(station.since(at));
-                Triggered {
+                TimedExposure {
                     at: now.checked_sub(ago).unwrap_or(now),
                     passed: passed.saturating_sub(ago),
                     stage_mm,

@@ -6,9 +6,6 @@ use super::field::Field;
 use crate::error::InputError;
 use trinocular_core::frame::message;
 
-/// Longest exposure, µs.
-const LONGEST_EXPOSURE_US: u32 = 1_000_000;
-
 /// Triggers of the cameras by the station.
 ///
 /// ```
@@ -57,7 +54,7 @@ impl Trigger {
             None => false,
         };
         let exposure_us = match section.optional("exposure_us")? {
-            Some(field) => field.whole(0..=period_us.min(LONGEST_EXPOSURE_US))?,
+            Some(field) => field.whole(0..=period_us)?,
             None => 0,
         };
         Ok(Self {

@@ -170,8 +170,9 @@ mod tests {
     #[test]
     fn clock_may_jump_in_half_of_the_passes() {
         for (steady, is_used) in [(8, true), (4, true), (3, false), (0, false)] {
-            let observed = Observed::start(&RigFile::paper(), &[]);
-            let mut observed = observed.ok().expect("no camera has a bad keyframe");
+            let Ok(mut observed) = Observed::start(&RigFile::paper(), &[]) else {
+                panic!("a keyframe is refused though there is no camera");
+            };
             for number in 0..8 {
                 let pass = observed.begin_pass(0);
                 observed.end_pass(pass, (number < steady).then(|| (Path::default(), 0.1)));

@@ -113,11 +113,8 @@ impl<'a> Captures<'a> {
             None => observer,
         };
         let station = StationLink::start_observed(place, stage, mounting, observer);
-        let mut station = station.map_err(|error| failed(error.into()))?;
+        let station = station.map_err(|error| failed(error.into()))?;
         introduce(&station);
-        if let Some(triggering) = triggering {
-            triggering.start(&mut station).map_err(failed)?;
-        }
         let clock = match (port, live) {
             (_, Some(LiveClock::Station(_))) => CaptureClock::Station,
             (Some(_), Some(LiveClock::Host(now_us))) => CaptureClock::Real {
@@ -145,6 +142,10 @@ impl<'a> Captures<'a> {
         }
         if let Some(page) = &page {
             servo.add_observer(page.observer());
+        }
+        // Last: nothing fails after it that would leave the cameras triggered.
+        if let Some(triggering) = triggering {
+            triggering.start(servo.station_mut()).map_err(failed)?;
         }
         Ok(Self {
             options,

@@ -80,8 +80,8 @@ fn triggering(options: &TrackOptions, rig: &RigFile) -> Result<Option<Triggering
     Ok(Some(Triggering::new(trigger)))
 }
 
-/// Returns a printer of missed, doubled and doubtful images: the first ones, because a camera whose settings
-/// are wrong has one at every trigger.
+/// Returns a printer of missed, doubled and doubtful images. It prints the first ones only, because
+/// a camera with wrong settings has one at every trigger.
 fn anomalies() -> impl FnMut(&InputError) {
     let mut printed = 0;
     move |anomaly| {
@@ -158,8 +158,9 @@ fn follow(
             Some(_) => {
                 let (missed, doubled) = (tally.missed, tally.doubled);
                 let counts = format!(
-                    "; {missed} triggers missed, {doubled} images doubled, {} doubtful",
-                    tally.doubtful
+                    "; {missed} triggers missed, {doubled} images doubled, {} doubtful, {} of \
+                     triggers that were not reported",
+                    tally.doubtful, tally.unreported
                 );
                 (String::new(), counts)
             }
@@ -169,12 +170,7 @@ fn follow(
             "{name} ({}): {} images, {} used, {} overtaken by newer ones, {} without partners{}, \
              {} stale, {} damaged, {} incomplete, {} out of order; its driver lost {}{}",
             device.display(),
-            matching.arrived
-                + tally.stale
-                + tally.damaged
-                + tally.incomplete
-                + tally.doubled
-                + tally.doubtful,
+            tally.images(),
             matching.used,
             matching.overtaken,
             matching.unmatched,

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use trinocular::servo::path::TargetPath;
 use trinocular_client::stage::{default_stage, setpoint};
 use trinocular_client::twin::Twin;
-use trinocular_client::twin::real_time::{RealTimeTwin, Triggered};
+use trinocular_client::twin::real_time::{RealTimeTwin, TimedExposure};
 use trinocular_core::frame::message::Mounting;
 use trinocular_core::time::Instant as StationInstant;
 use trinocular_rig::error::InputError;
@@ -142,7 +142,7 @@ impl Lab {
             // A busy computer leaves images out.
             let late = (since - self.due).as_nanos() % self.period.as_nanos();
             self.due = since + self.period - Duration::from_nanos(late as u64);
-            self.shoot(Triggered {
+            self.shoot(TimedExposure {
                 at,
                 passed: twin.passed(),
                 stage_mm: twin.position_mm(),
@@ -151,7 +151,7 @@ impl Lab {
     }
 
     /// Takes images.
-    fn shoot(&mut self, exposure: Triggered) {
+    fn shoot(&mut self, exposure: TimedExposure) {
         self.taken = self.taken.saturating_add(1);
         let shot = Shot {
             number: self.taken,

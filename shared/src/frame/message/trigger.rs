@@ -95,3 +95,8 @@ pub struct Triggered {
     /// uncertain, since the same command. They have no number.
     pub lost: u32,
 }
+
+impl Triggered {
+    /// Least time from a trigger to the dispatch of its report, µs.
+    pub const REPORTED_AFTER_US: u64 = 500;
+}

@@ -11,7 +11,7 @@
 //! forbids `unsafe`.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 use gstreamer::prelude::*;
@@ -21,9 +21,9 @@ use gstreamer::{PadProbeData, PadProbeReturn, PadProbeType};
 use gstreamer_app::AppSink;
 use gstreamer_video::{VideoFrameExt as _, VideoFrameRef, VideoInfo};
 
-use super::block_ids::BlockIds;
 use super::grey::Format;
 use super::live::{Camera, CameraEvent};
+use super::numbers::Numbers;
 use super::stamp::{Clocks, Moments, Point, Source, Stamp};
 use crate::images::Image;
 use trinocular_rig::error::InputError;
@@ -53,7 +53,7 @@ pub struct Gstreamer {
     sink: AppSink,
     size_px: [usize; 2],
     moments: Moments,
-    numbers: BlockIds,
+    numbers: Numbers,
     notice: Notice,
 }
 
@@ -83,7 +83,7 @@ impl Gstreamer {
             moments: Moments::new(Clocks::read(|| {
                 clock.time().map_or(Duration::ZERO, Duration::from)
             })),
-            numbers: BlockIds::default(),
+            numbers: Numbers::default(),
             notice,
         };
         camera
@@ -203,7 +203,9 @@ impl Camera for Gstreamer {
         let source = self.moments.source();
         let stamp = self.stamp(&sample);
         let moment = self.moments.of(stamp, arrived, was_awaited);
-        self.numbers.saw(number(&sample));
+        if let Some(number) = number(&sample) {
+            self.numbers.saw(number);
+        }
         if let Some(now) = self.moments.source().filter(|now| source != Some(*now)) {
             (self.notice)(now);
         }
@@ -228,11 +230,11 @@ impl Camera for Gstreamer {
 fn count_images(sink: &AppSink) -> Result<(), String> {
     let pad = sink.static_pad("sink");
     let pad = pad.ok_or("GStreamer's sink has no pad")?;
-    let count = AtomicU64::new(1);
+    let count = AtomicU32::new(1);
     pad.add_probe(PadProbeType::BUFFER, move |_, probe| {
         if let Some(PadProbeData::Buffer(buffer)) = &mut probe.data {
             let number = count.fetch_add(1, Relaxed);
-            buffer.make_mut().set_offset(number);
+            buffer.make_mut().set_offset(number.into());
         }
         PadProbeReturn::Ok
     });
@@ -240,8 +242,9 @@ fn count_images(sink: &AppSink) -> Result<(), String> {
 }
 
 /// Returns the number of an image.
-fn number(sample: &Sample) -> Option<u64> {
-    sample.buffer().map(|buffer| buffer.offset())
+fn number(sample: &Sample) -> Option<u32> {
+    let number = sample.buffer()?.offset();
+    u32::try_from(number).ok()
 }
 
 /// Adds the way out to GStreamer's message about images of another size or kind.

@@ -17,9 +17,18 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::matching::{Counts, Matching, Set};
-use super::triggers::{Count, Place, Triggers};
+mod camera;
+mod tally;
+mod time_source;
+
+pub use camera::{Camera, CameraEvent};
+pub use tally::Tally;
+
+use super::matching::{Matching, Set};
+use super::triggers::{Count, Triggers};
 use crate::images::{FrameSet, Image};
+pub(super) use time_source::micros;
+use time_source::{TimeSource, later};
 use trinocular_rig::error::InputError;
 
 /// Longest wait for a frame set.
@@ -31,101 +40,6 @@ const LOOK: Duration = Duration::from_millis(20);
 /// Longest time between two checks that counts as waiting. A program that was suspended for longer
 /// has waited for no image meanwhile.
 const LONGEST_LOOK: Duration = Duration::from_millis(200);
-
-/// Result of one wait for an image.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum CameraEvent {
-    /// Image with its time stamp.
-    Image(Instant, Image),
-    /// Image of unknown time.
-    Stale,
-    /// Image that the camera or its line has damaged.
-    Damaged,
-    /// Image of which packets are missing.
-    Incomplete,
-    /// No image yet.
-    Nothing,
-}
-
-/// Camera that delivers images one by one.
-pub trait Camera: Send + 'static {
-    /// Returns the path of the device, for messages.
-    fn path(&self) -> PathBuf;
-
-    /// Waits for the next image, for a fraction of a second at most, so that the thread can end.
-    ///
-    /// # Errors
-    /// [`InputError`] if the camera will deliver no more images.
-    fn next_image(&mut self) -> Result<CameraEvent, InputError>;
-
-    /// Returns the number of images that the driver has lost so far, as far as it is known.
-    fn lost(&self) -> u64 {
-        0
-    }
-
-    /// Returns true if no program can use the camera until this one has released it.
-    fn needs_release(&self) -> bool {
-        false
-    }
-}
-
-impl Camera for Box<dyn Camera> {
-    fn path(&self) -> PathBuf {
-        self.as_ref().path()
-    }
-
-    fn next_image(&mut self) -> Result<CameraEvent, InputError> {
-        self.as_mut().next_image()
-    }
-
-    fn lost(&self) -> u64 {
-        self.as_ref().lost()
-    }
-
-    fn needs_release(&self) -> bool {
-        self.as_ref().needs_release()
-    }
-}
-
-/// Number of one camera's images, by their fate.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
-    /// Images handed to the matching.
-    pub matching: Counts,
-    /// Images of unknown time.
-    pub stale: u64,
-    /// Damaged images.
-    pub damaged: u64,
-    /// Images of which packets are missing.
-    pub incomplete: u64,
-    /// Images that the camera's driver lost.
-    pub lost: u64,
-    /// Triggers of which the camera has no image.
-    pub missed: u64,
-    /// Second images of a trigger.
-    pub doubled: u64,
-    /// Images of triggered cameras whose trigger is not certain.
-    pub doubtful: u64,
-}
-
-impl Tally {
-    /// Returns the reasons why images were not used, each with the number of images, without zeros.
-    pub fn drops(&self) -> Vec<(&'static str, u64)> {
-        let drops = [
-            ("damaged", self.damaged),
-            ("with missing packets", self.incomplete),
-            ("lost by the driver", self.lost),
-            ("missed triggers", self.missed),
-            ("of unknown time", self.stale),
-            ("out of order", self.matching.disordered),
-            ("overtaken by newer images", self.matching.overtaken),
-            ("second of a trigger", self.doubled),
-            ("whose trigger is not certain", self.doubtful),
-            ("without partners in time", self.matching.unmatched),
-        ];
-        drops.into_iter().filter(|(_, count)| *count > 0).collect()
-    }
-}
 
 /// State that the threads share.
 struct State {
@@ -195,7 +109,7 @@ impl LiveCameras {
         tell: impl FnMut(&InputError) + 'static,
     ) -> Result<Self, InputError> {
         let started = Instant::now();
-        let source = |camera: usize, _| TimeSource::Stamps {
+        let source = |camera: usize| TimeSource::Stamps {
             zero: later(started, delays_us.get(camera).copied().unwrap_or(0)),
         };
         Self::start_with(started, cameras, window, stop, tell, source)
@@ -217,8 +131,7 @@ impl LiveCameras {
         // Images of one trigger have the same time.
         let window = Duration::ZERO;
         triggers.attend(cameras.iter().map(Camera::path).collect());
-        let source = |camera, path| TimeSource::Triggers {
-            path,
+        let source = |camera| TimeSource::Triggers {
             triggers: Arc::clone(triggers),
             count: Count::of(camera),
             events: 0,
@@ -234,7 +147,7 @@ impl LiveCameras {
         window: Duration,
         stop: Arc<AtomicBool>,
         tell: impl FnMut(&InputError) + 'static,
-        source: impl Fn(usize, PathBuf) -> TimeSource,
+        source: impl Fn(usize) -> TimeSource,
     ) -> Result<Self, InputError> {
         let count = cameras.len();
         let shared = Arc::new(Shared {
@@ -262,7 +175,7 @@ impl LiveCameras {
         for (index, camera) in cameras.into_iter().enumerate() {
             let shared = Arc::clone(&shared);
             let (path, needs_release) = (camera.path(), camera.needs_release());
-            let source = source(index, path.clone());
+            let source = source(index);
             let run = move || attend(camera, index, source, &shared);
             let thread = std::thread::Builder::new()
                 .name(format!("camera {index}"))
@@ -308,9 +221,14 @@ impl LiveCameras {
                     damaged,
                     incomplete,
                     doubtful,
+                    unreported,
                     ..
                 } = state.tallies[camera];
                 let reason = match (stale + damaged, incomplete) {
+                    (0, 0) if unreported > doubtful => format!(
+                        "no image whose trigger the station has reported for {waited} s, of \
+                         {unreported} images so far: see to the line to the station"
+                    ),
                     (0, 0) if doubtful > 0 => format!(
                         "no image whose trigger is certain for {waited} s, of {doubtful} images \
                          so far: keep the exposure constant, or lower rate_hz"
@@ -374,126 +292,28 @@ impl LiveCameras {
     }
 }
 
-/// Returns the instant `by_us` after `at`, or before it if that is negative.
-fn later(at: Instant, by_us: i64) -> Instant {
-    let by = Duration::from_micros(by_us.unsigned_abs());
-    let moved = match by_us < 0 {
-        true => at.checked_sub(by),
-        false => at.checked_add(by),
-    };
-    moved.unwrap_or(at)
-}
-
-/// Source of the capture times of one camera's images.
-enum TimeSource {
-    /// Time stamps, counted from `zero`.
-    Stamps {
-        /// Zero of the capture times.
-        zero: Instant,
-    },
-    /// Triggers of a station.
-    Triggers {
-        /// Path of the camera, for messages.
-        path: PathBuf,
-        triggers: Arc<Triggers>,
-        count: Count,
-        /// Number of images so far, usable or not, without those that were lost.
-        events: u64,
-    },
-}
-
-impl TimeSource {
-    /// Notes an event of the camera.
-    fn note(&mut self, event: &CameraEvent) {
-        if let Self::Triggers { events, .. } = self {
-            *events += u64::from(!matches!(event, CameraEvent::Nothing));
-        }
-    }
-
-    /// Returns the capture time of an image with this time stamp, µs, and counts what is wrong with
-    /// it. `None` for an image that is not used. The camera has lost `lost` images so far.
-    fn time_us(&mut self, at: Instant, lost: u64, shared: &Shared, index: usize) -> Option<u64> {
-        let (path, place) = match self {
-            Self::Stamps { zero } => {
-                // An image that was taken before the start has no time, and is stale.
-                let since = at.checked_duration_since(*zero);
-                shared.state().tallies[index].stale += u64::from(since.is_none());
-                return since.map(micros);
-            }
-            // Waits without the lock.
-            Self::Triggers {
-                path,
-                triggers,
-                count,
-                events,
-            } => (path, triggers.place(count, at, *events + lost)),
-        };
-        let mut state = shared.state();
-        let tally = &mut state.tallies[index];
-        let reason = match place {
-            Place::Of { number, missed, .. } => {
-                tally.missed += u64::from(missed);
-                missed_images(number, missed)
-            }
-            Place::Miscounted { number, missed } => {
-                tally.missed += u64::from(missed);
-                tally.doubtful += 1;
-                let doubt = format!(
-                    "the image that fits trigger {number} is not used, because it may be of another"
-                );
-                let missed = missed_images(number, missed).into_iter();
-                Some(missed.chain([doubt]).collect::<Vec<_>>().join("; "))
-            }
-            Place::Doubled { number } => {
-                tally.doubled += 1;
-                Some(format!("a second image of trigger {number}"))
-            }
-            Place::Doubtful => {
-                tally.doubtful += 1;
-                Some("an image whose trigger is not certain".to_owned())
-            }
-            Place::Before => None,
-            Place::Unreported => {
-                tally.stale += 1;
-                None
-            }
-        };
-        let anomaly = reason.map(|reason| InputError::file(path, reason));
-        state.anomalies.extend(anomaly);
-        match place {
-            Place::Of { instant_us, .. } => Some(instant_us),
-            _ => None,
-        }
-    }
-}
-
-/// Returns the words for the images that are missing right before that of a trigger.
-fn missed_images(number: u32, missed: u32) -> Option<String> {
-    let first = number - missed;
-    match missed {
-        0 => None,
-        1 => Some(format!("no image of trigger {first}")),
-        _ => Some(format!("no images of triggers {first} to {}", number - 1)),
-    }
-}
-
 /// Runs one camera's thread.
 fn attend<C: Camera>(mut camera: C, index: usize, mut source: TimeSource, shared: &Shared) {
+    let path = camera.path();
     let mut is_lost = false;
     while !is_lost && !shared.ended.load(Relaxed) {
         let shot = camera.next_image();
         if let Ok(event) = &shot {
             source.note(event);
         }
-        let time_us = match &shot {
-            Ok(CameraEvent::Image(at, _)) => source.time_us(*at, camera.lost(), shared, index),
+        // Without the lock: an image waits for the report of its trigger.
+        let placed = match &shot {
+            Ok(CameraEvent::Image(at, _)) => Some(source.place(*at, camera.lost())),
             _ => None,
         };
         let mut state = shared.state();
         state.tallies[index].lost = camera.lost();
+        if let Some(anomaly) = placed.and_then(|placed| placed.count(&mut state.tallies[index])) {
+            state.anomalies.push(InputError::file(&path, anomaly));
+        }
         match shot {
             Ok(CameraEvent::Image(_, image)) => {
-                if let Some(time_us) = time_us {
+                if let Some(time_us) = placed.and_then(|placed| placed.time_us()) {
                     state.matching.push(index, time_us, image);
                 }
             }
@@ -519,10 +339,6 @@ fn views(set: Set<Image>) -> Vec<Image> {
     let pictures = set.pictures.into_iter();
     let views = pictures.map(|picture| picture.map(|(_, image)| image));
     views.map(|view| view.unwrap_or(Image::missing())).collect()
-}
-
-fn micros(duration: Duration) -> u64 {
-    u64::try_from(duration.as_micros()).unwrap_or(u64::MAX)
 }
 
 impl Iterator for LiveCameras {

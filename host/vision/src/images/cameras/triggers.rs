@@ -3,9 +3,10 @@
 //! An image with the time of another trigger would move the prediction, so an image is used only
 //! if its trigger is certain. Three things must agree:
 //!
-//! - *The instant of the trigger on this computer's clock.* The reports (`reports`) and the answers to
-//!   pings bound it for each trigger anew. A clock that stood still, as that of a suspended computer or
-//!   of a simulated station, makes no wrong pair: the bounds are those of its new reading.
+//! - *The instant of the trigger on this computer's clock.* The reports (`reports`) and the answers
+//!   to pings bound it for each trigger anew. A clock that stood still, as that of a suspended
+//!   computer or of a simulated station, makes no wrong pair: the bounds are those of its new
+//!   reading.
 //! - *The time from a trigger to the time stamp of its image.* It is learnt (`learning`) from a few
 //!   triggers with a silence behind them, of which every camera must have taken all: so images and
 //!   triggers are counted off one by one. From then on it may differ by an eighth of a period. With
@@ -26,6 +27,7 @@ use std::path::PathBuf;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use super::live::micros;
 use count::Shot;
 pub use count::{Count, Place};
 pub use learning::LEAST;
@@ -43,6 +45,7 @@ pub struct Triggers {
     middle_us: u64,
     reports: Mutex<Reports>,
     heard: Condvar,
+    patience: Duration,
 }
 
 impl Triggers {
@@ -54,21 +57,21 @@ impl Triggers {
             middle_us,
             reports: Mutex::new(Reports::new(1_000_000 / i64::from(rate_hz.max(1)))),
             heard: Condvar::new(),
+            patience: PATIENCE,
         }
     }
 
     /// Takes a report that came at `heard`.
     pub fn report(&self, number: u32, instant_us: u64, heard: Instant) {
-        let instant_us = i64::try_from(instant_us).unwrap_or(i64::MAX / 4);
         let heard_us = self.host_us(heard);
-        self.reports().add(number, instant_us, heard_us);
+        self.reports().add(number, signed(instant_us), heard_us);
         self.heard.notify_all();
     }
 
     /// Takes the answer to a ping that was sent at `sent` and came to the station at `instant_us`.
     pub fn ping(&self, sent: Instant, instant_us: u64) {
-        let instant_us = i64::try_from(instant_us).unwrap_or(i64::MAX / 4);
-        self.reports().pinged(self.host_us(sent), instant_us);
+        let sent_us = self.host_us(sent);
+        self.reports().pinged(sent_us, signed(instant_us));
     }
 
     /// Names the cameras, in the order of [`Count::of`].
@@ -101,7 +104,7 @@ impl Triggers {
             at_us: self.host_us(at),
             seen,
         };
-        let end = Instant::now() + PATIENCE;
+        let end = Instant::now() + self.patience;
         let mut reports = self.reports();
         loop {
             let newest = reports.newest().map(|given| given.number);
@@ -111,20 +114,11 @@ impl Triggers {
             }
             // While no report comes at all, as on a lost line, only one image waits.
             let is_last = newest.is_some() && count.waited_at == newest;
-            match count.place(&mut reports, shot, is_last) {
-                Some(Place::Of {
-                    number,
-                    instant_us,
-                    missed,
-                }) => {
-                    return Place::Of {
-                        number,
-                        instant_us: instant_us.saturating_add(self.middle_us),
-                        missed,
-                    };
+            if let Some(mut place) = count.place(&mut reports, shot, is_last) {
+                if let Place::Of { instant_us, .. } = &mut place {
+                    *instant_us = instant_us.saturating_add(self.middle_us);
                 }
-                Some(place) => return place,
-                None => {}
+                return place;
             }
             let waited = self.heard.wait_timeout(reports, left);
             (reports, _) = waited.unwrap_or_else(PoisonError::into_inner);
@@ -137,12 +131,16 @@ impl Triggers {
 
     /// Returns an instant of this computer, µs; negative before the list was created.
     fn host_us(&self, at: Instant) -> i64 {
-        let us = |time: Duration| i64::try_from(time.as_micros()).unwrap_or(i64::MAX / 4);
         match at.checked_duration_since(self.zero) {
-            Some(since) => us(since),
-            None => -us(self.zero.duration_since(at)),
+            Some(since) => signed(micros(since)),
+            None => -signed(micros(self.zero.duration_since(at))),
         }
     }
+}
+
+/// Returns a time, µs, so that sums of a few do not overflow.
+fn signed(us: u64) -> i64 {
+    i64::try_from(us).unwrap_or(i64::MAX / 4)
 }
 
 #[cfg(test)]

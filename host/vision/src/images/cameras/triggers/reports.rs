@@ -10,9 +10,10 @@
 use super::span::Span;
 use std::collections::VecDeque;
 use std::path::PathBuf;
+use trinocular_core::frame::message::Triggered;
 
 /// Least time from a trigger to the dispatch of its report, µs.
-const SENT_AFTER_US: i64 = 500;
+const SENT_AFTER_US: i64 = Triggered::REPORTED_AFTER_US as i64;
 
 /// Largest difference of two clocks' rates: 1 to this.
 const DRIFT: i64 = 5_000;
