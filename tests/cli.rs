@@ -26,6 +26,8 @@ mod mistakes;
 mod points;
 #[path = "cli/pose.rs"]
 mod pose;
+#[path = "cli/reference.rs"]
+mod reference;
 #[path = "cli/setting_up.rs"]
 mod setting_up;
 #[path = "cli/usage.rs"]

@@ -1,5 +1,8 @@
 //! `trinocular twin`: a simulated station that other commands connect to.
 
+#[path = "twin/view.rs"]
+mod view;
+
 use serde_json::Value;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::TcpStream;

@@ -11,6 +11,7 @@ use trinocular_core::frame::message::{
     Command, Denial, Hello, LastRun, Outcome, Packet, Report, Status,
 };
 use trinocular_core::frame::receive::{Receiver, Rejects};
+use trinocular_core::safety::State;
 use trinocular_core::time::Instant;
 use trinocular_rig::printable::is_printable;
 
@@ -63,6 +64,8 @@ pub struct Client {
     last_run: Option<LastRun>,
     status: Option<Status>,
     positions: Positions,
+    /// Sequence number of the latest command that may move the zero of the positions.
+    zeroing: Option<u16>,
     /// True if `status` came after the last hello.
     status_is_fresh: bool,
     /// Sequence number, control tick and outcome.
@@ -140,6 +143,10 @@ impl Client {
             Report::Triggered(_) => {}
             Report::Status(status) => {
                 self.motion.told(&status);
+                let was_homing = self.status.is_some_and(|last| last.state == State::Homing);
+                if was_homing && status.state != State::Homing {
+                    self.positions.clear();
+                }
                 self.positions.add(&status);
                 self.status = Some(status);
                 self.status_is_fresh = true;
@@ -164,6 +171,10 @@ impl Client {
                 }
                 let is_denied = matches!(outcome, Outcome::Denied(_));
                 self.motion.answered(sequence, tick, is_denied);
+                if self.zeroing == Some(sequence) {
+                    self.zeroing = None;
+                    self.positions.clear();
+                }
                 if self.answers.len() == ANSWERS {
                     self.answers.pop_front();
                 }
@@ -192,6 +203,9 @@ impl Client {
     /// [`Client::packet`].
     pub(super) fn sent(&mut self, sequence: u16, command: &Command) {
         self.motion.sent(sequence, command);
+        if matches!(command, Command::Zero | Command::Config(_)) {
+            self.zeroing = Some(sequence);
+        }
     }
 
     /// Returns the motion that the commands of this conversation have started.
@@ -248,7 +262,7 @@ impl Client {
 
     /// Returns the position of the stage at an instant of the station's clock, whole steps and parts
     /// of them, from the reports around it: up to a second ago at 60 frames per second. `None`
-    /// without a report.
+    /// without a report since the latest zero.
     pub fn position_steps_at(&self, at: Instant) -> Option<[f64; 3]> {
         self.positions.at(at.micros())
     }
@@ -326,6 +340,39 @@ mod tests {
         assert!(client.clock().offset_us(0).is_some());
         at(&mut client, 500, pong(501));
         assert!(client.implausible().is_some());
+    }
+
+    /// Between the positions before and after it lies no motion.
+    #[test]
+    fn positions_begin_anew_at_a_new_zero() {
+        let twin = Twin::start(&default_stage(), "twin", Mounting::OnStage).expect("it starts");
+        let known = *twin.status().expect("it tells");
+        let status = |ms: u64, steps, state| {
+            Report::Status(Status {
+                time: Instant::from_micros(1_000 * ms),
+                position_steps: [steps, 0, 0],
+                state,
+                ..known
+            })
+        };
+        let at = |client: &Client, ms: u64| {
+            let position = client.position_steps_at(Instant::from_micros(1_000 * ms));
+            position.map(|[x, ..]| x)
+        };
+        let mut client = Client::default();
+        feed(&mut client, status(100, 240, State::Idle));
+        feed(&mut client, status(200, 250, State::Idle));
+        assert_eq!(at(&client, 150), Some(245.0));
+        client.sent(7, &Command::Zero);
+        feed(&mut client, answer(6, 210));
+        assert_eq!(at(&client, 150), Some(245.0));
+        feed(&mut client, answer(7, 220));
+        assert_eq!(at(&client, 150), None);
+        feed(&mut client, status(300, 0, State::Idle));
+        assert_eq!(at(&client, 210), Some(0.0));
+        feed(&mut client, status(400, 90, State::Homing));
+        feed(&mut client, status(500, 0, State::Idle));
+        assert_eq!(at(&client, 450), Some(0.0));
     }
 
     #[test]

@@ -1,13 +1,14 @@
 //! `trinocular estimate`: displacements from a points CSV or from a folder of frame sets.
 
+mod images;
 mod pose;
 mod printer;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::exposures::Exposures;
 use super::frames::{RecordingInput, Rigged, rig_missing};
+use super::reference_view::ReferenceView;
 use super::region::RegionOption;
 use crate::commands::failure::Failure;
 use crate::commands::folder_input::PairOption;
@@ -20,9 +21,6 @@ use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::estimation::{self, Rule};
-use trinocular_vision::flow::mistake::explain_keyframe;
-use trinocular_vision::flow::{Flow, FlowSettings, remarks as camera_remarks};
-use trinocular_vision::images::FrameSet;
 use trinocular_vision::points;
 
 /// Estimate the target's displacement from matched points or from images
@@ -67,10 +65,19 @@ pub struct EstimateOptions {
     #[command(flatten)]
     pose: PoseOptions,
 
-    /// Frame set that each displacement of a folder is relative to; the first gives none
+    /// Frame set from which displacements count: `first`, `previous`, or a saved view
     ///
-    /// A points CSV holds its own reference positions, so this changes nothing there.
-    #[arg(long, value_enum, default_value_t = Reference::First)]
+    /// `first` is the first frame set, so that errors do not add up; `previous` the one before, for
+    /// targets that leave the first view; neither gives the first frame set a displacement. A saved
+    /// view is a file of `trinocular reference` or of --record: every frame set gets a displacement
+    /// since then, frame 1 is the first, and --rig may be left out. A points CSV holds its own
+    /// reference positions.
+    #[arg(
+        long,
+        value_name = "first|previous|FILE",
+        default_value = "first",
+        value_parser = reference
+    )]
     reference: Reference,
 
     /// Print one JSON object per displacement and line
@@ -152,12 +159,23 @@ impl Method {
 }
 
 /// The instant a displacement counts from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 enum Reference {
-    /// The first frame set: errors do not add up
+    /// The first frame set.
     First,
-    /// The frame set before: for targets that leave the first view
+    /// The frame set before.
     Previous,
+    /// A saved view.
+    View(PathBuf),
+}
+
+fn reference(text: &str) -> Result<Reference, String> {
+    match text {
+        "" => Err("must be first, previous, or the name of a file".to_owned()),
+        "first" => Ok(Reference::First),
+        "previous" => Ok(Reference::Previous),
+        file => Ok(Reference::View(PathBuf::from(file))),
+    }
 }
 
 /// Runs the command.
@@ -170,6 +188,22 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
     options.region.goes_with(!is_points, "images")?;
     let read = |path: &PathBuf| method.read_rig(path);
     let rig = options.rig.as_ref().map(read).transpose()?;
+    let view = match &options.reference {
+        Reference::View(path) if is_points => {
+            let file = path.display();
+            let reason = format!(
+                "--reference {file} goes with images: a points CSV holds its own reference \
+                 positions"
+            );
+            return Err(Failure::Usage(reason));
+        }
+        Reference::View(path) => Some(ReferenceView::open(path)?),
+        Reference::First | Reference::Previous => None,
+    };
+    let rig = match &view {
+        Some(view) if is_folder => rig.or_else(|| Some(view.rig.clone())),
+        _ => rig,
+    };
     let printer = Printer {
         options,
         method,
@@ -185,7 +219,7 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
         let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;
         method.estimator().check_rig(&options.input, &rig)?;
         let rule = options.pose.rule(&rig, options.method, is_points)?;
-        return run_captures(options, &rig, rule, frames.frame_sets(), printer);
+        return images::run(options, (&rig, view), rule, frames.frame_sets(), printer);
     }
     let Some(rig) = rig else {
         return Err(rig_missing("estimate INPUT --rig <RIG.toml>"));
@@ -194,7 +228,7 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
     match is_folder {
         true => {
             let folder = options.pair.open(&options.input, &rig)?;
-            run_captures(options, &rig, rule, folder.frame_sets(), printer)
+            images::run(options, (&rig, view), rule, folder.frame_sets(), printer)
         }
         false => run_points(options, &rig, rule, printer),
     }
@@ -211,80 +245,5 @@ fn run_points<W: Write>(
     printer.warnings = points.warnings();
     let solution = rule.of_points(&rig.rig, &points, &mut printer.warnings);
     printer.solution(solution, points.correspondences.len(), points.rejected)?;
-    printer.finish()
-}
-
-/// Estimates a displacement for each frame set but the first.
-fn run_captures<W: Write>(
-    options: &EstimateOptions,
-    rig: &RigFile,
-    rule: Rule,
-    captures: impl Iterator<Item = Result<FrameSet, InputError>>,
-    mut printer: Printer<'_, W>,
-) -> Result<(), Failure> {
-    let mut captures = captures.peekable();
-    let first = captures.next();
-    // The reason why it cannot be read is also why there is no second one.
-    if let Some(Err(error)) = &first {
-        return Err(error.clone().into());
-    }
-    let (Some(first), Some(_)) = (first.as_ref(), captures.peek()) else {
-        let count = if first.is_some() { "one" } else { "no" };
-        let reason = format!("{count} frame set; a displacement takes at least two");
-        return Err(InputError::file(&options.input, reason).into());
-    };
-    let first = first.as_ref().map_err(InputError::clone);
-    let rig_path = options.rig.as_ref().unwrap_or(&options.input);
-    let mut flow = Flow::new(&rig.rig, FlowSettings::default())
-        .map_err(|refusal| InputError::file(rig_path, refusal.to_string()))?;
-    flow.set_regions(options.region.regions(rig)?);
-    // The search for a mistake takes many times a measurement, and one mistake explains all.
-    let mut is_explained = false;
-    let mut refer_to = |flow: &mut Flow, capture: &FrameSet| {
-        let outcome = flow.set_keyframe(capture);
-        outcome.map_err(|refusal| match std::mem::replace(&mut is_explained, true) {
-            false => explain_keyframe(&rig.rig, &rig.names, capture, &refusal),
-            true => refusal.to_string(),
-        })
-    };
-    let first = first?;
-    let mut exposures = Exposures::new(&rig.names);
-    // A badly exposed keyframe spoils every row; the first one names it.
-    let mut of_keyframe = exposures.note(first);
-    let mut reference = refer_to(&mut flow, first);
-    for capture in captures {
-        let capture = match capture {
-            Ok(capture) => capture,
-            Err(error) => {
-                printer.refusal(error.to_string())?;
-                if options.reference == Reference::Previous {
-                    reference = Err("the frame set before cannot be read".to_owned());
-                }
-                continue;
-            }
-        };
-        printer.exposure = std::mem::take(&mut of_keyframe);
-        printer.exposure.extend(exposures.note(&capture));
-        // A bad keyframe spoils every frame measured against it; they share its reason.
-        let seen = match &reference {
-            Ok(()) => rule.of_images(&mut flow, &rig.rig, &capture),
-            Err(reason) => Err(reason.clone()),
-        };
-        match seen {
-            Ok(seen) => {
-                let remarks = camera_remarks(&seen.refused_cameras, &rig.names);
-                printer.warnings.extend(remarks);
-                let absent = seen.refused_cameras.iter();
-                let names = absent.filter_map(|(k, _)| rig.names.get(*k).cloned());
-                printer.absent = names.collect();
-                let count = seen.correspondences.len();
-                printer.solution(seen.solution, count, seen.rejected)?;
-            }
-            Err(reason) => printer.refusal(reason)?,
-        }
-        if options.reference == Reference::Previous {
-            reference = refer_to(&mut flow, &capture);
-        }
-    }
     printer.finish()
 }

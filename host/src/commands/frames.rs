@@ -75,6 +75,15 @@ pub struct Rigged {
     pub rig: RigFile,
 }
 
+impl Default for RecordingInput {
+    fn default() -> Self {
+        Self {
+            topics: Vec::new(),
+            tolerance: TOLERANCE_US as f64 * 1e-3,
+        }
+    }
+}
+
 impl RecordingInput {
     /// Opens the recording at `path`. Without a rig, the recording must hold one: a rig file, or
     /// camera_info of all cameras.

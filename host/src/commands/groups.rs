@@ -17,7 +17,7 @@ pub const TEMPLATE: &str = "\
 
 /// Names of the commands by purpose.
 const GROUPS: [(&str, &[&str]); 6] = [
-    ("Measure", &["estimate", "track", "serve"]),
+    ("Measure", &["estimate", "track", "serve", "reference"]),
     ("Recordings", &["report", "replay", "export"]),
     (
         "Set up",

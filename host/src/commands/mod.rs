@@ -44,6 +44,8 @@ mod ports;
 mod progress;
 mod range;
 mod record;
+mod reference;
+mod reference_view;
 mod region;
 mod replay;
 mod report;
@@ -132,6 +134,7 @@ enum Command {
     Man(man::ManOptions),
     Motors(motors::MotorsOptions),
     Ports(ports::PortsOptions),
+    Reference(reference::ReferenceOptions),
     Replay(replay::ReplayOptions),
     Report(report::ReportOptions),
     Reset(reset::ResetOptions),
@@ -187,6 +190,7 @@ fn run_any(arguments: Arguments, out: &mut impl Write) -> Result<(), Failure> {
         Some(Command::Man(options)) => man::run(&options, out),
         Some(Command::Motors(options)) => motors::run(&options, out),
         Some(Command::Ports(options)) => ports::run(&options, out),
+        Some(Command::Reference(options)) => reference::run(&options, out),
         Some(Command::Replay(options)) => replay::run(&options, out),
         Some(Command::Report(options)) => report::run(&options, out),
         Some(Command::Reset(options)) => reset::run(&options, out),

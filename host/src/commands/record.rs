@@ -151,10 +151,11 @@ pub struct Opened {
 }
 
 impl Opened {
-    /// Opens a new file for raw images at `path`; an existing file stays as it is.
-    pub fn new(path: &Path) -> Result<Self, InputError> {
+    /// Opens the file at `path` for raw images; `replace` tells which existing files it may
+    /// replace.
+    pub fn at(path: &Path, replace: Replace) -> Result<Self, InputError> {
         Ok(Self {
-            output: Some(Output::open(path, Replace::Nothing)?),
+            output: Some(Output::open(path, replace)?),
             images: ImageForm::Raw,
         })
     }

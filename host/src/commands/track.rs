@@ -15,6 +15,7 @@ use super::frames::{RecordingInput, rig_missing};
 use super::port::PortOption;
 use super::range;
 use super::record::{Origin, RecordOption, Recording};
+use super::reference_view::ReferenceView;
 use super::region::RegionOption;
 use super::scene::SceneOptions;
 use super::turning::TurningOptions;
@@ -23,7 +24,7 @@ use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
 use std::cell::Cell;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use trinocular::servo::path::TargetPath;
 use trinocular::servo::station_link::{StationLink, TWIN_B};
 use trinocular_client::diagnosis::explain;
@@ -201,6 +202,13 @@ pub struct TrackOptions {
     #[command(flatten, next_help_heading = SCENE)]
     scene: SceneOptions,
 
+    /// With --images, --watch and --cameras: displacements count from this view, a file of
+    /// `trinocular reference` or of --record, instead of from the first frame set
+    ///
+    /// Cameras on the stage are moved back to where the view was taken.
+    #[arg(long, value_name = "FILE")]
+    reference: Option<PathBuf>,
+
     #[command(flatten)]
     record: RecordOption,
 
@@ -260,8 +268,18 @@ impl TrackOptions {
         opened.start(&origin)
     }
 
+    /// Reads the view of --reference, which must be of this rig.
+    fn view(&self, rig: &RigFile, rig_path: &Path) -> Result<Option<ReferenceView>, Failure> {
+        let Some(path) = &self.reference else {
+            return Ok(None);
+        };
+        let view = ReferenceView::open(path)?;
+        view.check(rig, rig_path, self.region.regions(rig)?)?;
+        Ok(Some(view))
+    }
+
     /// Reads the rig file, and applies the options about a target that turns.
-    fn read_rig(&self, path: &std::path::Path) -> Result<RigFile, Failure> {
+    fn read_rig(&self, path: &Path) -> Result<RigFile, Failure> {
         let mut rig = self.method.read_rig(path)?;
         self.turn(&mut rig)?;
         Ok(rig)
@@ -335,6 +353,12 @@ impl TrackOptions {
             .is_some_and(|path| !is_recording(path));
         let regions_with = "--images, --watch and --cameras";
         self.region.goes_with(!source.sim, regions_with)?;
+        goes_with(
+            "reference",
+            self.reference.is_some(),
+            regions_with,
+            !source.sim,
+        )?;
         self.pair.goes_with(is_folder, "--images and a folder")?;
         goes_with(
             "idle",
@@ -378,7 +402,7 @@ impl From<Estimator> for sums::Estimator {
 
 impl Estimator {
     /// Reads the rig; refuses one that does not suit the estimator.
-    fn read_rig(self, path: &std::path::Path) -> Result<RigFile, InputError> {
+    fn read_rig(self, path: &Path) -> Result<RigFile, InputError> {
         let rig = match self {
             Self::ClosedForm => RigFile::read_in_line(path),
             Self::Midpoint => RigFile::read(path),
@@ -409,6 +433,7 @@ Examples:
   trinocular track --images captures/ --rig rig.toml
   trinocular track --images run.mcap
   trinocular track --watch captures/ --rig rig.toml --idle 60
+  trinocular track --images today/ --rig rig.toml --reference bridge.mcap
   trinocular track --cameras /dev/video0,/dev/video2,/dev/video4 --rig rig.toml --port auto
   trinocular track --cameras rig --rig rig.toml --port auto
   trinocular track --sim --zenoh";

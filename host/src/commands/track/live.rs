@@ -5,6 +5,7 @@ use super::captures::{Captures, LiveClock};
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
 use crate::commands::failure::Failure;
+use crate::commands::reference_view::put_before;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -102,6 +103,7 @@ fn follow(
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let triggering = triggering(options, rig)?;
+    let view = options.view(rig, rig_path)?;
     let port = options.station.resolve()?;
     // Open all cameras before the station, so that nothing moves if one is missing.
     let cameras = cameras::open(devices, (rig, rig_path), options.fps())?;
@@ -151,7 +153,9 @@ fn follow(
         let begun_us = *begun_us.get_or_insert(time_us);
         seconds_us.is_none_or(|seconds_us| time_us < begun_us + seconds_us)
     };
-    let outcome = captures.follow(live.by_ref().take_while(is_in_time), out);
+    let frame_sets = live.by_ref().take_while(is_in_time);
+    let frame_sets = put_before(view, frame_sets, options.period_us());
+    let outcome = captures.follow(frame_sets, out);
     for ((device, tally), name) in devices.iter().zip(live.tallies()).zip(&rig.names) {
         let matching = tally.matching;
         let (within, of_triggers) = match &triggering {

@@ -5,6 +5,7 @@ use super::{Estimator, TrackOptions};
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::failure::Failure;
 use crate::commands::frames::Rigged;
+use crate::commands::reference_view::{ReferenceView, put_before};
 use std::cell::Cell;
 use std::io::Write;
 use std::path::Path;
@@ -30,21 +31,23 @@ pub fn run(
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let rig = options.read_rig(rig_path)?;
+    let view = options.view(&rig, rig_path)?;
+    let least = least(&view);
     let mut captures = options.pair.open(folder, &rig)?;
     if let (None, Some(period_us)) = (options.fps, captures.video_period_us()) {
         let period_us = period_us.clamp(LEAST_PERIOD_US, MOST_PERIOD_US);
         options.recorded_period_us.set(Some(period_us));
     }
     captures.set_period_us(options.period_us());
-    if let Some(count @ ..2) = captures.count() {
-        return Err(few(folder, count));
+    if let Some(count) = captures.count().filter(|count| *count < least) {
+        return Err(few(folder, count, least));
     }
     let (came, unread) = (Cell::new(0), Cell::new(0));
     let counted = captures.frame_sets().inspect(|_| came.set(came.get() + 1));
-    let captures = readable(counted, &unread);
+    let captures = readable(counted, view, options, &unread);
     let summary = follow(options, rig, folder, captures, out)?;
-    if came.get() < 2 {
-        return Err(few(folder, came.get()));
+    if came.get() < least {
+        return Err(few(folder, came.get(), least));
     }
     judged(folder, summary, unread.get())
 }
@@ -67,12 +70,14 @@ pub fn replay(
     options.recorded_period_us.set(Some(
         frames.period_us().clamp(LEAST_PERIOD_US, MOST_PERIOD_US),
     ));
+    let view = options.view(&rig, rig_path.unwrap_or(recording))?;
+    let least = least(&view);
     let (came, unread) = (Cell::new(0), Cell::new(0));
     let counted = frames.frame_sets().inspect(|_| came.set(came.get() + 1));
-    let captures = readable(counted, &unread);
+    let captures = readable(counted, view, options, &unread);
     let summary = follow(options, rig, recording, captures, out)?;
-    if came.get() < 2 {
-        return Err(few(recording, came.get()));
+    if came.get() < least {
+        return Err(few(recording, came.get(), least));
     }
     judged(recording, summary, unread.get())
 }
@@ -105,6 +110,8 @@ pub fn watch(
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let rig = options.read_rig(rig_path)?;
+    let view = options.view(&rig, rig_path)?;
+    let least = least(&view);
     let stop = on_interrupt()?;
     let settings = Settings {
         period_us: options.period_us(),
@@ -121,24 +128,40 @@ pub fn watch(
     );
     let (mut came, unread) = (0, Cell::new(0));
     let captures = captures.inspect(|_| came += 1);
-    let captures = readable(captures, &unread);
+    let captures = readable(captures, view, options, &unread);
     let summary = follow(options, rig, folder, captures, out)?;
-    if came < 2 {
-        return Err(few(folder, came));
+    if came < least {
+        return Err(few(folder, came, least));
     }
     judged(folder, summary, unread.get())?;
     // All frame sets so far are printed; the exit code tells a script why there are no more.
     interruption::signal().map_or(Ok(()), |signal| Err(Failure::Interrupted(signal)))
 }
 
-/// Skips frame sets that cannot be read, with a warning, and counts them in `unread`. If the first
-/// cannot be read, the run ends, because it would be the keyframe.
+/// Returns the least number of frame sets: the first is the keyframe if there is no view.
+fn least(view: &Option<ReferenceView>) -> usize {
+    if view.is_some() { 1 } else { 2 }
+}
+
+/// Puts the view before the frame sets. Skips frame sets that cannot be read, with a warning, and
+/// counts them in `unread`. If the first cannot be read and would be the keyframe, the run ends.
 fn readable(
     captures: impl Iterator<Item = Result<FrameSet, InputError>>,
+    view: Option<ReferenceView>,
+    options: &TrackOptions,
     unread: &Cell<usize>,
 ) -> impl Iterator<Item = Result<FrameSet, InputError>> {
-    let mut has_reference = false;
-    captures.filter(move |capture| match capture {
+    let mut has_reference = view.is_some();
+    let period_us = options.period_us();
+    // A view has its time before the first frame set's, which may be zero.
+    let delay_us = if has_reference { period_us } else { 0 };
+    let captures = captures.map(move |capture| {
+        capture.map(|capture| FrameSet {
+            time_us: capture.time_us.saturating_add(delay_us),
+            ..capture
+        })
+    });
+    let captures = captures.filter(move |capture| match capture {
         Err(error) if has_reference => {
             notice!("refused: {error}");
             unread.set(unread.get() + 1);
@@ -148,12 +171,16 @@ fn readable(
             has_reference = true;
             true
         }
-    })
+    });
+    put_before(view, captures, period_us)
 }
 
-fn few(folder: &Path, count: usize) -> Failure {
-    let count = if count == 0 { "no" } else { "one" };
-    let reason = format!("{count} frame set; following takes at least two");
+fn few(folder: &Path, count: usize, least: usize) -> Failure {
+    let reason = match (count, least) {
+        (0, 1) => "no frame set",
+        (0, _) => "no frame set; following takes at least two",
+        _ => "one frame set; following takes at least two",
+    };
     InputError::file(folder, reason).into()
 }
 
