@@ -210,7 +210,7 @@ fn files_that_are_no_view_are_named() {
         ),
         (
             "estimate views --reference none.mcap",
-            ["none.mcap", "No such file"],
+            ["none.mcap", "must be first, previous"],
         ),
         (
             "reference views --rig rig.toml --out dark.mcap",

@@ -79,7 +79,7 @@ fn help_explains_every_option() {
     for part in [
         "--rig <RIG.toml>",
         "--method <METHOD>",
-        "--reference <REFERENCE>",
+        "--reference <first|previous|FILE>",
         "--json",
         "[default: midpoint]",
         "[default: first]",

@@ -171,10 +171,10 @@ enum Reference {
 
 fn reference(text: &str) -> Result<Reference, String> {
     match text {
-        "" => Err("must be first, previous, or the name of a file".to_owned()),
         "first" => Ok(Reference::First),
         "previous" => Ok(Reference::Previous),
-        file => Ok(Reference::View(PathBuf::from(file))),
+        file if Path::new(file).exists() => Ok(Reference::View(PathBuf::from(file))),
+        _ => Err("must be first, previous, or a file that exists".to_owned()),
     }
 }
 
