@@ -63,6 +63,7 @@ fn desk_of(case: &Value) -> Desk {
             stage,
             pivot: None,
             trigger: None,
+            targets: Vec::new(),
             capture: Vec::new(),
         }
         .to_toml(),
@@ -270,6 +271,7 @@ fn two_cameras_need_midpoint() {
         stage: None,
         pivot: None,
         trigger: None,
+        targets: Vec::new(),
         capture: Vec::new(),
     };
     desk.write("rig.toml", two.to_toml());

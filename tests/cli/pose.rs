@@ -58,6 +58,7 @@ fn desk_of(case: &Value) -> Desk {
             stage,
             pivot: None,
             trigger: None,
+            targets: Vec::new(),
             capture: Vec::new(),
         }
         .to_toml(),

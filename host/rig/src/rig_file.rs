@@ -51,6 +51,7 @@ pub mod field;
 mod lens;
 mod pivot;
 mod stage;
+mod target;
 pub mod template;
 mod trigger;
 
@@ -58,6 +59,7 @@ pub use capture::Capture;
 pub use care::{Care, HomeSwitch};
 pub use lens::{NOT_A_LENS, can_undistort, focal_fault};
 pub use stage::{Driver, Stage, along_stage};
+pub use target::{MOST_TARGETS, Target};
 pub use trigger::Trigger;
 
 /// Names of the paper's three cameras, in the order its estimators need.
@@ -135,6 +137,8 @@ pub struct RigFile {
     pub capture: Vec<Capture>,
     /// Triggers of the cameras, if the station gives them.
     pub trigger: Option<Trigger>,
+    /// Targets that are measured apart; empty if the whole view is one target.
+    pub targets: Vec<Target>,
 }
 
 impl RigFile {
@@ -147,6 +151,7 @@ impl RigFile {
             pivot: None,
             capture: Vec::new(),
             trigger: None,
+            targets: Vec::new(),
         }
     }
 
@@ -209,6 +214,7 @@ impl RigFile {
             "camera",
             "stage",
             "trigger",
+            "target",
         ])?;
         root.require(&[
             ("image_size_px", "image_size_px = [640, 480]"),
@@ -226,6 +232,10 @@ impl RigFile {
             Some(section) => Some(Trigger::read(&section)?),
             None => None,
         };
+        let targets = match root.optional("target")? {
+            Some(list) => target::read(&list, &names, nearest_middle(&cameras), image_size_px)?,
+            None => Vec::new(),
+        };
         Ok(Self {
             names,
             rig: Rig {
@@ -237,6 +247,7 @@ impl RigFile {
             pivot: pivot::read(&root)?,
             capture,
             trigger,
+            targets,
         })
     }
 
@@ -266,6 +277,7 @@ impl RigFile {
         if let Some(trigger) = &self.trigger {
             trigger.write_toml(&mut text);
         }
+        target::write_toml(&self.targets, &self.names, &mut text);
         text
     }
 
@@ -284,6 +296,19 @@ impl RigFile {
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
         Output::open_successor(path, Replace::Anything, path)?.write(self.to_toml())
     }
+}
+
+/// Returns the index of the camera nearest to the mean of all places.
+fn nearest_middle(cameras: &[Camera]) -> usize {
+    let count = cameras.len() as f64;
+    let mean = [0, 1].map(|i| cameras.iter().map(|c| c.offset_mm[i]).sum::<f64>() / count);
+    let distance = |camera: &Camera| {
+        let [x, y] = [0, 1].map(|i| camera.offset_mm[i] - mean[i]);
+        x.hypot(y)
+    };
+    let nearest = cameras.iter().enumerate();
+    let nearest = nearest.min_by(|(_, a), (_, b)| distance(a).total_cmp(&distance(b)));
+    nearest.map_or(0, |(index, _)| index)
 }
 
 /// Names, lenses and places, and devices of the cameras.

@@ -31,7 +31,10 @@ mod choice;
 
 pub use choice::{Choice, Contradiction};
 
-use crate::flow::{CameraRefusal, Correspondence, Flow};
+use crate::flow::{
+    CameraRefusal, Correspondence, FilteredFrameSet, Flow, FlowRefusal, Measurement,
+    PoseMeasurement,
+};
 use crate::images::FrameSet;
 use crate::points::Points;
 use crate::sums::Sums;
@@ -44,7 +47,7 @@ use trinocular_core::sums::centred::Geometry;
 /// Largest standard deviation of a rotation that is estimated unasked, degrees.
 const MOST_SIGMA_DEG: f64 = 0.5;
 /// 99.9 % quantile of χ² with three degrees of freedom: the limit of a significant rotation.
-const SIGNIFICANT: f64 = 16.3;
+pub(crate) const SIGNIFICANT: f64 = 16.3;
 /// Largest rotation of a target that counts as one that does not turn, degrees.
 const MOST_TURN_DEG: f64 = 0.15;
 
@@ -146,6 +149,8 @@ pub struct Measured {
     pub rejected: usize,
     /// Refused cameras, as indices into the rig's cameras, with the reasons.
     pub refused_cameras: Vec<(usize, CameraRefusal)>,
+    /// Pose with its covariance, if the rotation was estimated.
+    pub pose: Option<Estimate>,
 }
 
 impl Measured {
@@ -296,32 +301,58 @@ impl Rule {
         rig: &Rig,
         frame_set: &FrameSet,
     ) -> Result<Measured, String> {
+        let refused = |refusal: FlowRefusal| refusal.to_string();
         if self.rotation == Some(Rotation::Estimate) {
-            let seen = flow
-                .measure_pose(frame_set)
-                .map_err(|refusal| refusal.to_string())?;
-            let centroid_mm = flow.keyframe_centroid_mm().unwrap_or(seen.pose.centroid_mm);
-            let count = seen.correspondences.len();
-            return Ok(Measured {
-                solution: Ok(self.solution(&seen.pose, centroid_mm, count)),
-                correspondences: seen.correspondences,
-                cameras: seen.cameras,
-                rejected: seen.rejected.total(),
-                refused_cameras: seen.refused_cameras,
-            });
+            let seen = flow.measure_pose(frame_set).map_err(refused)?;
+            return Ok(self.of_pose(flow, seen));
         }
-        let seen = flow
-            .measure(frame_set)
-            .map_err(|refusal| refusal.to_string())?;
+        let seen = flow.measure(frame_set).map_err(refused)?;
+        Ok(self.of_displacement(rig, seen))
+    }
+
+    /// Does the same as [`Rule::of_images`] with a frame set that is already filtered.
+    ///
+    /// # Errors
+    /// The refusal of the flow in words.
+    pub fn of_filtered(
+        &self,
+        flow: &Flow,
+        rig: &Rig,
+        filtered: &FilteredFrameSet,
+    ) -> Result<Measured, String> {
+        let refused = |refusal: FlowRefusal| refusal.to_string();
+        if self.rotation == Some(Rotation::Estimate) {
+            let seen = flow.measure_filtered_pose(filtered).map_err(refused)?;
+            return Ok(self.of_pose(flow, seen));
+        }
+        let seen = flow.measure_filtered(filtered, &mut ()).map_err(refused)?;
+        Ok(self.of_displacement(rig, seen))
+    }
+
+    fn of_pose(&self, flow: &Flow, seen: PoseMeasurement) -> Measured {
+        let centroid_mm = flow.keyframe_centroid_mm().unwrap_or(seen.pose.centroid_mm);
+        let count = seen.correspondences.len();
+        Measured {
+            solution: Ok(self.solution(&seen.pose, centroid_mm, count)),
+            correspondences: seen.correspondences,
+            cameras: seen.cameras,
+            rejected: seen.rejected.total(),
+            refused_cameras: seen.refused_cameras,
+            pose: Some(seen.pose),
+        }
+    }
+
+    fn of_displacement(&self, rig: &Rig, seen: Measurement) -> Measured {
         let method = self.method.unwrap_or_default();
         let solution = Sums::of(rig, &seen).and_then(|sums| estimate(method, &sums));
-        Ok(Measured {
+        Measured {
             solution: solution.map_err(|refusal| refusal.to_string()),
             correspondences: seen.correspondences,
             cameras: seen.cameras,
             rejected: seen.rejected.total(),
             refused_cameras: seen.refused_cameras,
-        })
+            pose: None,
+        }
     }
 
     /// Returns the solution of a pose. `centroid_mm` is the mean of the points at the reference

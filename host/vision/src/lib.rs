@@ -38,4 +38,5 @@ pub mod points;
 mod rigid;
 pub mod stage_timings;
 pub mod sums;
+pub mod targets;
 pub mod thread_pool;

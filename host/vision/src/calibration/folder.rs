@@ -94,6 +94,7 @@ impl Calibration {
             stage: None,
             pivot: None,
             trigger: None,
+            targets: Vec::new(),
             capture: Vec::new(),
         })
     }

@@ -78,6 +78,9 @@ impl Flow {
         let active = self.active_cameras(&filtered.camera_refusals)?;
         let pyramids = active.select(&filtered.pyramids);
         let reference = active.geometry.reference;
+        if !self.regions.select_in(&active.cameras) {
+            return Err(FlowRefusal::RegionUnseen);
+        }
 
         // Shi-Tomasi corners of the reference camera's image.
         let whole = active.cameras[reference];

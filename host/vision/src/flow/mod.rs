@@ -245,6 +245,11 @@ impl Flow {
         measurement
     }
 
+    /// Takes back the memory of a filtered frame set, for the next one.
+    pub fn reuse(&mut self, filtered: FilteredFrameSet) {
+        self.pyramid_pool.put(filtered);
+    }
+
     /// Refuses a measurement without a keyframe.
     fn check_keyframe(&self) -> Result<(), FlowRefusal> {
         match self.keyframe.is_some() || self.reduced.is_some() {

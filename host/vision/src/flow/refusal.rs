@@ -92,6 +92,9 @@ pub enum FlowRefusal {
         /// Points needed.
         least: usize,
     },
+    /// No camera whose image has the region of interest gives a usable image.
+    #[error("the cameras that have the region of interest give no usable images at the keyframe")]
+    RegionUnseen,
     /// Too few cameras give usable images.
     #[error("cameras with usable images: {left}; two in different places are the least")]
     FewCameras {
@@ -152,6 +155,7 @@ impl FlowRefusal {
             Self::AmbiguousMotion { .. } => "ambiguous motion",
             Self::Lost { .. } => "lost",
             Self::FewTracks { .. } => "few tracks",
+            Self::RegionUnseen => "region unseen",
             Self::FewCameras { .. } => "few cameras",
             Self::Turned { .. } => "turned",
             Self::NoAgreement { .. } => "no agreement",

@@ -52,6 +52,14 @@ impl Region {
 pub struct Regions(pub Vec<Region>);
 
 impl Regions {
+    /// Returns true if these cameras show what the rectangles select: one of them has a rectangle,
+    /// or no camera has.
+    pub(super) fn select_in(&self, cameras: &[usize]) -> bool {
+        let has_rectangle = |region: &Region| region.rectangle_px.is_some();
+        let mut seen = cameras.iter().filter_map(|camera| self.0.get(*camera));
+        seen.any(has_rectangle) || !self.0.iter().any(has_rectangle)
+    }
+
     /// Returns true if a point may be chosen at this pixel of a camera.
     pub fn allow_start(&self, camera: usize, pixel: [f64; 2]) -> bool {
         let region = self.0.get(camera);
@@ -118,6 +126,24 @@ mod tests {
         flow.set_regions(Regions(regions));
         flow.set_keyframe(&before)?;
         Ok(flow.measure(&now)?.displacement_mm)
+    }
+
+    /// Without the rectangle's camera, the points would be those of the whole view.
+    #[test]
+    fn region_of_a_missing_camera_is_refused() {
+        let rig = Rig::paper();
+        let [mut before, _] = two_motions(&rig);
+        let left = Region {
+            rectangle_px: Some([0, 0, 100, 240]),
+            mask: None,
+        };
+        let mut flow = Flow::new(&rig, FlowSettings::default()).unwrap();
+        flow.set_regions(Regions(vec![left]));
+        flow.set_keyframe(&before).unwrap();
+        before.images[0] = Image::missing();
+        assert_eq!(flow.set_keyframe(&before), Err(FlowRefusal::RegionUnseen));
+        let rest = Regions(vec![Region::default(); 3]);
+        assert!(rest.select_in(&[1]) && Regions::default().select_in(&[0]));
     }
 
     #[test]

@@ -125,7 +125,11 @@ impl Flow {
         Some((sum / count).into())
     }
 
-    fn measure_filtered_pose(
+    /// Does the same as [`Flow::measure_pose`] with a frame set that is already filtered.
+    ///
+    /// # Errors
+    /// [`FlowRefusal`] if the pose cannot be measured; the keyframe stays.
+    pub fn measure_filtered_pose(
         &self,
         now: &FilteredFrameSet,
     ) -> Result<PoseMeasurement, FlowRefusal> {
