@@ -67,6 +67,7 @@ pub fn settings(twin: Option<&str>) -> replay::Settings {
         names: rig.names,
         estimator: Estimator::Midpoint,
         pivot: None,
+        regions: Default::default(),
         twin: twin.map(str::to_owned),
     }
 }

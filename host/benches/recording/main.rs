@@ -13,6 +13,7 @@ use trinocular_recording::queue::Pace;
 use trinocular_recording::recorder::{ImageForm, Recorder, Settings};
 use trinocular_rig::output::{Output, OwnFile, Replace};
 use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::images::{FrameSet, Scene, SceneSettings, Texture};
 use trinocular_vision::sums::Estimator;
 
@@ -60,6 +61,7 @@ fn run(name: &str, form: Option<ImageForm>, rig: &Rig, sets: &[FrameSet], second
             cameras: file.names.clone(),
             epoch_us: 0,
             rig: file.to_toml(),
+            regions: Regions::default(),
             origin: BTreeMap::new(),
         };
         Recorder::start(output, settings).expect("it begins")

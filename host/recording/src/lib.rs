@@ -5,6 +5,7 @@
 //! * [`recorder`] takes in what passes through a run and writes it on a thread of its own;
 //! * [`message`], [`schema`], [`topic`] and [`cdr`] are the contents of the file;
 //! * [`read`] reads recordings and the MCAP files and ROS 2 bags of others;
+//! * [`regions`] keeps the regions of interest;
 //! * [`replay`] runs the measurements and the station again, and compares;
 //! * [`export`] makes the table of measurements.
 
@@ -18,6 +19,7 @@ mod png;
 pub mod queue;
 pub mod read;
 pub mod recorder;
+pub mod regions;
 pub mod replay;
 pub mod schema;
 mod sink;

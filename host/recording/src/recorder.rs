@@ -26,6 +26,7 @@ use trinocular_core::time::Instant;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::output::Output;
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::images::{FrameSet, Image};
 
 /// Form of the images in a recording.
@@ -54,6 +55,8 @@ pub struct Settings {
     pub epoch_us: u64,
     /// Text of the rig file.
     pub rig: String,
+    /// Regions of interest, in the order of the cameras.
+    pub regions: Regions,
     /// Origin of the run: program, version, commit, command line, seed and the like, by name.
     pub origin: BTreeMap<String, String>,
 }

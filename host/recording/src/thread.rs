@@ -4,6 +4,7 @@ use crate::message::{self, Event, Measurement, changes};
 use crate::png::png;
 use crate::queue::Popped;
 use crate::recorder::{Content, ImageForm, Settings, Tap, Timed};
+use crate::regions;
 use crate::schema::{self, Schema};
 use crate::sink::Sink;
 use crate::topic::{self, Topic};
@@ -103,6 +104,7 @@ impl Opened {
         let mut origin = settings.origin.clone();
         let (name, text) = topic::STAGE;
         origin.insert(name.to_owned(), text.to_owned());
+        origin.extend(regions::entries(&settings.cameras, &settings.regions));
         self.writer.write_metadata(&Metadata {
             name: topic::ORIGIN.to_owned(),
             metadata: origin,
@@ -114,6 +116,15 @@ impl Opened {
             media_type: "application/toml".to_owned(),
             data: Cow::Borrowed(settings.rig.as_bytes()),
         })?;
+        for (name, file) in regions::masks(&settings.cameras, &settings.regions)? {
+            self.writer.attach(&Attachment {
+                log_time: settings.epoch_us * 1_000,
+                create_time: settings.epoch_us * 1_000,
+                name,
+                media_type: "image/png".to_owned(),
+                data: Cow::Owned(file),
+            })?;
+        }
         for name in &settings.cameras {
             let channel = match settings.images {
                 ImageForm::Raw => self.channel(&topic::image(name), &schema::IMAGE)?,

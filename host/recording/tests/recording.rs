@@ -11,6 +11,7 @@ use trinocular_recording::read::survey::Survey;
 use trinocular_recording::recorder::{Account, ImageForm, Recorder, Settings};
 use trinocular_rig::output::{Output, OwnFile, Replace};
 use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::images::{FrameSet, Image};
 
 fn settings(images: ImageForm) -> Settings {
@@ -21,6 +22,7 @@ fn settings(images: ImageForm) -> Settings {
         cameras: rig.names.clone(),
         epoch_us: 0,
         rig: rig.to_toml(),
+        regions: Regions::default(),
         origin: BTreeMap::from([("program".to_owned(), "trinocular".to_owned())]),
     }
 }

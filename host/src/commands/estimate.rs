@@ -1,6 +1,7 @@
 //! `trinocular estimate`: displacements from a points CSV or from a folder of frame sets.
 
 mod images;
+mod measurer;
 mod pose;
 mod printer;
 
@@ -13,6 +14,7 @@ use super::region::RegionOption;
 use crate::commands::failure::Failure;
 use crate::commands::folder_input::PairOption;
 use clap::{Args, ValueEnum};
+use measurer::Label;
 use pose::PoseOptions;
 pub use pose::Rotation;
 use printer::Printer;
@@ -109,6 +111,8 @@ null for closed-form and least-squares. \
 If the rotation is estimated, `rotation_deg` (rotation vector about x, y and z), \
 `rotation_sigma_deg` and `pivot_mm` are there, too; `displacement_mm` is the pivot's. They are null \
 if the points do not determine the rotation. \
+If the rig file has `[[target]]` tables, there is one object per target: `target` is its name, and \
+`against` that of the reference that the displacement is relative to. \
 `warnings`, a list of sentences, is there only if a camera was left out, an image is badly exposed, \
 or rows of a CSV do not fit the others. A frame without an \
 estimate gives {\"frame\":1,\"refused\":\"reason\"}, and the exit code is 1 after the rest has \
@@ -208,12 +212,14 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
         options,
         method,
         out,
-        frames: 0,
+        rows: 0,
         refused: 0,
         is_points,
         warnings: Vec::new(),
         exposure: Vec::new(),
         absent: Vec::new(),
+        targets: 1,
+        label: Label::default(),
     };
     if is_recorded {
         let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;

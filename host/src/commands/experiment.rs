@@ -21,6 +21,7 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, OwnFile, Replace, marked};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_vision::flow::region::Regions;
 
 /// Options of the experiment without a command.
 #[derive(Debug, Args)]
@@ -125,6 +126,7 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
         twin: port.is_none().then_some(TWIN_B),
         is_real: port.is_some(),
         seed: Some(settings.seed),
+        regions: Regions::default(),
     };
     let recording = opened.start(&origin)?;
     let provenance = origin.provenance();

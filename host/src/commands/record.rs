@@ -16,6 +16,7 @@ use trinocular_rig::notice;
 use trinocular_rig::output::{Output, OwnFile, Replace};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::sums::Estimator;
 
 /// Recording of the run.
@@ -79,6 +80,8 @@ pub struct Origin {
     pub is_real: bool,
     /// Seed of the simulation, if the run is one.
     pub seed: Option<u64>,
+    /// Regions of interest of the cameras.
+    pub regions: Regions,
 }
 
 impl Origin {
@@ -183,6 +186,7 @@ impl Opened {
             cameras: origin.rig.names.clone(),
             epoch_us: if origin.is_real { now_us } else { 0 },
             rig: origin.rig_toml(),
+            regions: origin.regions.clone(),
             origin: texts.map(|(name, text)| (name.to_owned(), text)).collect(),
         };
         let path = output.path().to_owned();

@@ -17,6 +17,7 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::output::Replace;
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::sums::Estimator;
 
@@ -84,6 +85,7 @@ pub fn run(options: &ReferenceOptions, out: &mut impl Write) -> Result<(), Failu
         twin: None,
         is_real: false,
         seed: None,
+        regions: Regions::default(),
     };
     let recording = Opened::at(&options.out, replace)?.start(&origin)?;
     if let Some(tap) = recording.tap() {

@@ -11,6 +11,7 @@ use std::io::Write;
 use std::path::PathBuf;
 use trinocular_recording::read::survey::Survey;
 use trinocular_recording::read::{Source, calibration};
+use trinocular_recording::regions;
 use trinocular_recording::replay::{self, Comparison, Difference, Replayed, Settings};
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
@@ -130,7 +131,9 @@ fn settings(
             InputError::file(source.path(), format!("its pivot {pivot:?}: {error}"))
         })?),
     };
+    let cameras = (rig.names.as_slice(), rig.rig.image_size_px);
     Ok(Settings {
+        regions: regions::read(source.path(), cameras, origin, &survey.masks)?,
         rig: rig.rig,
         names: rig.names,
         estimator,

@@ -31,7 +31,9 @@ use trinocular_live::{
 use trinocular_recording::queue::Pace;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::sums::Estimator;
+use trinocular_vision::targets;
 
 /// The station's estimator.
 const ESTIMATOR: Estimator = Estimator::Midpoint;
@@ -191,6 +193,14 @@ impl ServeOptions {
     }
 
     /// Returns the largest difference of capture times within a frame set, ms.
+    /// Returns the regions of the target that the stage follows; the simulated scene is one target.
+    fn regions(&self, rig: &RigFile) -> Regions {
+        match self.cameras {
+            Some(_) => targets::driving(rig, Regions::default()),
+            None => Regions::default(),
+        }
+    }
+
     fn window_ms(&self) -> f64 {
         self.window.unwrap_or((500.0 / self.fps).min(5.0))
     }
@@ -228,6 +238,7 @@ pub fn run(options: &ServeOptions, _: &mut impl Write) -> Result<(), Failure> {
         twin: None,
         is_real: true,
         seed: options.cameras.is_none().then_some(options.scene.seed),
+        regions: options.regions(&rig),
     };
     let recording = options.record.open(options.force)?.start(&origin)?;
     let on_page = match options.record.is_given() {
@@ -287,6 +298,7 @@ fn serve<B: Bench>(
     }
     let (mut bench, desk) = Workbench::new(bench, &rig.rig, stage, ESTIMATOR, hub, recording);
     bench.set_pivot(rig.pivot);
+    bench.set_regions(options.regions(rig));
     let zenoh = &options.zenoh;
     let nodes = || Arc::new(desk.named(NODES)) as Arc<dyn Controls>;
     zenoh.begin(&rig.names, Pace::Real, options.control.then(nodes))?;

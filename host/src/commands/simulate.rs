@@ -24,6 +24,7 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, Replace};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::sums::Estimator;
 
 /// Run scenarios on the built-in twin: target motion, occlusions, lost frames, faults
@@ -209,6 +210,7 @@ fn origin(scenario: &Scenario) -> Origin {
         twin: Some(ScenarioOptions::default().board),
         is_real: false,
         seed: Some(scenario.seed),
+        regions: Regions::default(),
     }
 }
 

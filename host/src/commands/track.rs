@@ -4,6 +4,7 @@
 mod absences;
 pub mod captures;
 pub mod live;
+mod others;
 pub mod page;
 mod recorded;
 mod report;
@@ -33,7 +34,8 @@ use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::sums;
+use trinocular_vision::flow::region::Regions;
+use trinocular_vision::{sums, targets};
 
 const SOURCE: &str = "Where the images come from (one of these)";
 const CAMERAS: &str = "With --cameras";
@@ -146,7 +148,8 @@ pub struct TrackOptions {
     /// --sim target_mm and camera_mm. `warnings`, a list of sentences, is there only if a camera was
     /// left out or an image is badly exposed; `refused` is the reason why a frame set was not used.
     /// With --rotation estimate also rotation_deg (about the cameras' x, y, z), rotation_sigma_deg and
-    /// pivot_mm; displacement_mm is then the pivot's.
+    /// pivot_mm; displacement_mm is then the pivot's. With two or more `[[target]]` tables in the
+    /// rig file, `targets` lists all of them; the row itself is of the one that the stage follows.
     #[arg(long)]
     json: bool,
 
@@ -257,6 +260,7 @@ impl TrackOptions {
             twin: (!self.station.is_given()).then_some(TWIN_B),
             is_real,
             seed: source.sim.then_some(self.scene.seed),
+            regions: self.regions(rig)?,
         };
         self.report.begin(&origin, &opened, self.force)?;
         // Recorded images wait for the network, because nothing else waits for them.
@@ -268,13 +272,21 @@ impl TrackOptions {
         opened.start(&origin)
     }
 
+    /// Returns the regions of the target that the stage follows.
+    fn regions(&self, rig: &RigFile) -> Result<Regions, Failure> {
+        match self.source.sim {
+            true => Ok(Regions::default()),
+            false => Ok(targets::driving(rig, self.region.regions(rig)?)),
+        }
+    }
+
     /// Reads the view of --reference, which must be of this rig.
     fn view(&self, rig: &RigFile, rig_path: &Path) -> Result<Option<ReferenceView>, Failure> {
         let Some(path) = &self.reference else {
             return Ok(None);
         };
         let view = ReferenceView::open(path)?;
-        view.check(rig, rig_path, self.region.regions(rig)?)?;
+        view.check(rig, rig_path, self.regions(rig)?)?;
         Ok(Some(view))
     }
 

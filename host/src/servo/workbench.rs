@@ -36,6 +36,7 @@ use trinocular_live::Hub;
 use trinocular_live::controls::{Offers, Reply};
 use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::Stage;
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::sums::Estimator;
 
@@ -88,6 +89,7 @@ pub struct Workbench<B> {
     estimator: Estimator,
     /// Point of a turning target that is followed, if its rotation is estimated.
     pivot: Option<Pivot>,
+    regions: Regions,
     hub: Arc<Hub>,
     requests: Receiver<Request>,
     servo: Option<VisualServo>,
@@ -131,6 +133,7 @@ impl<B: Bench> Workbench<B> {
             stage: stage.clone(),
             estimator,
             pivot: None,
+            regions: Regions::default(),
             hub,
             requests,
             servo: None,
@@ -156,6 +159,11 @@ impl<B: Bench> Workbench<B> {
     /// turns, from the next start on.
     pub fn set_pivot(&mut self, pivot: Option<Pivot>) {
         self.pivot = pivot;
+    }
+
+    /// Restricts the points to regions of the cameras' images from the next keyframe on.
+    pub fn set_regions(&mut self, regions: Regions) {
+        self.regions = regions;
     }
 
     /// Passes what is followed to another taker, from the next start on.
@@ -367,6 +375,7 @@ impl<B: Bench> Workbench<B> {
             Ok(mut servo) => {
                 servo.set_observers(self.observers());
                 servo.set_pivot(self.pivot);
+                servo.set_regions(self.regions.clone());
                 self.servo = Some(servo);
                 self.hub.set_following(true);
                 Ok(())

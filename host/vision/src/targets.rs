@@ -39,7 +39,7 @@ use crate::flow::{FilteredFrameSet, Flow, FlowRefusal, FlowSettings};
 use crate::images::FrameSet;
 use relative::relative;
 use trinocular_core::rig::Rig;
-use trinocular_rig::rig_file::Target;
+use trinocular_rig::rig_file::{RigFile, Target};
 
 /// Trackers of several targets.
 #[derive(Clone, Debug)]
@@ -158,6 +158,15 @@ impl TargetFlows {
             None => Err(FlowRefusal::NoKeyframe),
         }
     }
+}
+
+/// Returns the regions of the target that the stage follows; those given if the view is one target.
+pub fn driving(rig: &RigFile, regions: Regions) -> Regions {
+    let driving = rig.targets.iter().find(|target| target.drives);
+    driving.map_or_else(
+        || regions.clone(),
+        |target| within(target, &rig.rig, &regions),
+    )
 }
 
 /// Returns the regions of all cameras with the target's rectangle.

@@ -20,6 +20,7 @@ use trinocular_recording::read::{Source, calibration};
 use trinocular_recording::recorder::{ImageForm, Recorder, Settings};
 use trinocular_recording::replay;
 use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::images::{FrameSet, Image};
 use trinocular_vision::sums::Estimator;
 
@@ -55,6 +56,7 @@ fn good(path: &Path) -> Vec<u8> {
         cameras: rig.names.clone(),
         epoch_us: 0,
         rig: rig.to_toml(),
+        regions: Regions::default(),
         origin: Default::default(),
     };
     let recorder = Recorder::start_in(file, path.to_owned(), settings).expect("it begins");
@@ -184,6 +186,7 @@ fuzz_target!(|edits: Vec<Edit>| {
         names: rig.names,
         estimator: Estimator::Midpoint,
         pivot: rig.pivot,
+        regions: Regions::default(),
         twin: Some("twin".to_owned()),
     };
     if let Err(error) = replay::replay(&source, &settings, |_| {}) {

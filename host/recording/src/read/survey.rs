@@ -2,14 +2,16 @@
 
 use super::Source;
 use super::records::Record;
+use crate::regions;
 use crate::topic::{self, Topic};
 use std::collections::{BTreeMap, HashMap};
+use trinocular_core::rig::MAX_CAMERAS;
 use trinocular_rig::error::InputError;
 
 /// Most topics that are remembered; a robot has some hundred.
 const MOST_TOPICS: usize = 10_000;
 
-/// Longest rig file, and longest message with a camera's calibration, bytes.
+/// Longest rig file, mask, and message with a camera's calibration, bytes.
 const LONGEST: usize = 4 << 20;
 
 /// One topic.
@@ -46,6 +48,8 @@ pub struct Survey {
     pub end: Option<BTreeMap<String, String>>,
     /// Text of the rig file within the source.
     pub rig: Option<String>,
+    /// Files of the masks within a recording of this program, by name.
+    pub masks: BTreeMap<String, Vec<u8>>,
     /// Reason why the end is missing: a file was cut off, or its run did not end it.
     pub cut: Option<InputError>,
 }
@@ -198,6 +202,13 @@ impl Survey {
                     if name == topic::RIG && data.len() <= LONGEST =>
                 {
                     survey.rig = String::from_utf8(data).ok();
+                }
+                Record::Attachment { name, data }
+                    if regions::is_mask(&name)
+                        && data.len() <= LONGEST
+                        && survey.masks.len() < MAX_CAMERAS =>
+                {
+                    survey.masks.insert(name, data);
                 }
                 _ => {}
             }

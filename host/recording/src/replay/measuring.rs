@@ -41,6 +41,7 @@ impl Measuring {
     pub fn new(settings: &Settings) -> Result<Self, FlowRefusal> {
         let mut flow = Flow::new(&settings.rig, FlowSettings::default())?;
         flow.set_pivot(settings.pivot);
+        flow.set_regions(settings.regions.clone());
         Ok(Self {
             flow,
             rig: settings.rig.clone(),

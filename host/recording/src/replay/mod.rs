@@ -22,6 +22,7 @@ use station::StationReplay;
 use trinocular_core::rig::Rig;
 use trinocular_rig::error::InputError;
 use trinocular_rig::pivot::Pivot;
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::sums::Estimator;
 
 /// Settings of a replay.
@@ -35,6 +36,8 @@ pub struct Settings {
     pub estimator: Estimator,
     /// Pivot of a target whose rotation was estimated.
     pub pivot: Option<Pivot>,
+    /// Regions of interest of the cameras.
+    pub regions: Regions,
     /// Name that the recorded twin gave as its board; `None` for a station on a line.
     pub twin: Option<String>,
 }

@@ -1,5 +1,6 @@
 //! Displacements from images.
 
+use super::measurer::Measurer;
 use super::printer::Printer;
 use super::{EstimateOptions, Reference};
 use crate::commands::exposures::Exposures;
@@ -9,8 +10,7 @@ use std::io::Write;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::estimation::Rule;
-use trinocular_vision::flow::mistake::explain_keyframe;
-use trinocular_vision::flow::{Flow, FlowSettings, remarks as camera_remarks};
+use trinocular_vision::flow::remarks as camera_remarks;
 use trinocular_vision::images::FrameSet;
 
 /// Estimates a displacement for each frame set but the one from which it counts.
@@ -43,56 +43,47 @@ pub(super) fn run<W: Write>(
         };
         return Err(InputError::file(&options.input, reason).into());
     };
-    let first = first.as_ref().map_err(InputError::clone);
-    let mut flow = Flow::new(&rig.rig, FlowSettings::default())
-        .map_err(|refusal| InputError::file(rig_path, refusal.to_string()))?;
-    flow.set_regions(regions);
-    // The search for a mistake takes many times a measurement, and one mistake explains all.
-    let mut is_explained = false;
-    let mut refer_to = |flow: &mut Flow, capture: &FrameSet| {
-        let outcome = flow.set_keyframe(capture);
-        outcome.map_err(|refusal| match std::mem::replace(&mut is_explained, true) {
-            false => explain_keyframe(&rig.rig, &rig.names, capture, &refusal),
-            true => refusal.to_string(),
-        })
-    };
-    let first = first?;
+    let first = first.as_ref().map_err(InputError::clone)?;
+    let mut measurer = Measurer::new((rig, rig_path), rule, regions)?;
+    let labels = measurer.labels();
+    printer.targets = labels.len();
     let mut exposures = Exposures::new(&rig.names);
     // A badly exposed keyframe spoils every row; the first one names it.
     let mut of_keyframe = exposures.note(first);
-    let mut reference = refer_to(&mut flow, first);
+    measurer.refer_to(first);
     for capture in captures {
         let capture = match capture {
             Ok(capture) => capture,
             Err(error) => {
-                printer.refusal(error.to_string())?;
+                for label in &labels {
+                    printer.label = label.clone();
+                    printer.refusal(error.to_string())?;
+                }
                 if options.reference == Reference::Previous {
-                    reference = Err("the frame set before cannot be read".to_owned());
+                    measurer.refer_to_nothing();
                 }
                 continue;
             }
         };
         printer.exposure = std::mem::take(&mut of_keyframe);
         printer.exposure.extend(exposures.note(&capture));
-        // A bad keyframe spoils every frame measured against it; they share its reason.
-        let seen = match &reference {
-            Ok(()) => rule.of_images(&mut flow, &rig.rig, &capture),
-            Err(reason) => Err(reason.clone()),
-        };
-        match seen {
-            Ok(seen) => {
-                let remarks = camera_remarks(&seen.refused_cameras, &rig.names);
-                printer.warnings.extend(remarks);
-                let absent = seen.refused_cameras.iter();
-                let names = absent.filter_map(|(k, _)| rig.names.get(*k).cloned());
-                printer.absent = names.collect();
-                let count = seen.correspondences.len();
-                printer.solution(seen.solution, count, seen.rejected)?;
+        for (label, seen) in labels.iter().zip(measurer.measure(&capture)) {
+            printer.label = label.clone();
+            match seen {
+                Ok(seen) => {
+                    let remarks = camera_remarks(&seen.refused_cameras, &rig.names);
+                    printer.warnings.extend(remarks);
+                    let absent = seen.refused_cameras.iter();
+                    let names = absent.filter_map(|(k, _)| rig.names.get(*k).cloned());
+                    printer.absent = names.collect();
+                    let count = seen.correspondences.len();
+                    printer.solution(seen.solution, count, seen.rejected)?;
+                }
+                Err(reason) => printer.refusal(reason)?,
             }
-            Err(reason) => printer.refusal(reason)?,
         }
         if options.reference == Reference::Previous {
-            reference = refer_to(&mut flow, &capture);
+            measurer.refer_to(&capture);
         }
     }
     printer.finish()

@@ -1,5 +1,6 @@
 //! Rows of `estimate`: as text, JSON objects or CSV.
 
+use super::measurer::Label;
 use super::pose::write_turn;
 use super::{EstimateOptions, Method};
 use crate::commands::csv_rows::{self, Column};
@@ -13,6 +14,8 @@ use trinocular_vision::estimation::{Solution, Turn, counted};
 #[derive(Debug, Serialize)]
 struct Displacement {
     frame: usize,
+    #[serde(flatten)]
+    label: Label,
     displacement_mm: [f64; 3],
     sigma_mm: Option<[f64; 3]>,
     covariance_mm2: Option<[[f64; 3]; 3]>,
@@ -29,6 +32,8 @@ struct Displacement {
 #[derive(Debug, Serialize)]
 struct Refused {
     frame: usize,
+    #[serde(flatten)]
+    label: Label,
     refused: String,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     warnings: Vec<String>,
@@ -45,6 +50,8 @@ const COLUMNS: [&[Column]; 4] = [
         ("method", "/method"),
         ("refused", "/refused"),
         ("warnings", "/warnings"),
+        ("target", "/target"),
+        ("against", "/against"),
     ],
 ];
 
@@ -53,7 +60,8 @@ pub(super) struct Printer<'a, W> {
     pub options: &'a EstimateOptions,
     pub method: Method,
     pub out: &'a mut W,
-    pub frames: usize,
+    /// Rows so far.
+    pub rows: usize,
     pub refused: usize,
     /// True for a points file, whose warnings name their line.
     pub is_points: bool,
@@ -63,6 +71,10 @@ pub(super) struct Printer<'a, W> {
     pub exposure: Vec<String>,
     /// Names of the cameras that take no part in the next displacement.
     pub absent: Vec<String>,
+    /// Number of rows per frame.
+    pub targets: usize,
+    /// Target of the next row.
+    pub label: Label,
 }
 
 impl<W: Write> Printer<'_, W> {
@@ -75,7 +87,7 @@ impl<W: Write> Printer<'_, W> {
     ) -> Result<(), Failure> {
         match counted(solution, count, rejected) {
             Ok((solution, rejected)) => {
-                let frame = self.frames + 1;
+                let frame = self.frame();
                 for warning in &self.warnings {
                     match self.is_points {
                         true => notice!("warning: {warning}"),
@@ -85,6 +97,7 @@ impl<W: Write> Printer<'_, W> {
                 let warnings = self.take_warnings();
                 self.displacement(&Displacement {
                     frame,
+                    label: self.label.clone(),
                     displacement_mm: solution.displacement_mm,
                     sigma_mm: solution.sigma_mm,
                     covariance_mm2: solution.covariance_mm2,
@@ -104,6 +117,21 @@ impl<W: Write> Printer<'_, W> {
         }
     }
 
+    /// Returns the number of the frame of the next row.
+    fn frame(&self) -> usize {
+        1 + self.rows / self.targets.max(1)
+    }
+
+    /// Returns the words for the target of the row, after two spaces; empty if the view is one
+    /// target.
+    fn target(&self) -> String {
+        match (&self.label.target, &self.label.against) {
+            (None, _) => String::new(),
+            (Some(target), None) => format!("  {target}"),
+            (Some(target), Some(against)) => format!("  {target} against {against}"),
+        }
+    }
+
     /// Takes all warnings about the next row.
     fn take_warnings(&mut self) -> Vec<String> {
         let mut all = std::mem::take(&mut self.exposure);
@@ -112,11 +140,11 @@ impl<W: Write> Printer<'_, W> {
     }
 
     fn displacement(&mut self, line: &Displacement) -> Result<(), Failure> {
-        self.frames += 1;
+        self.rows += 1;
         if self.options.json || self.options.csv {
             return self.object(line);
         }
-        if self.frames - self.refused == 1 {
+        if self.rows - self.refused == 1 {
             writeln!(
                 self.out,
                 "frame        x mm        y mm        z mm \
@@ -136,9 +164,10 @@ impl<W: Write> Printer<'_, W> {
             }
         }
         write!(self.out, " {:>7} {:>8}", line.points, line.rejected)?;
+        let target = self.target();
         match std::mem::take(&mut self.absent) {
-            names if names.is_empty() => writeln!(self.out)?,
-            names => writeln!(self.out, "  without {}", names.join(" and "))?,
+            names if names.is_empty() => writeln!(self.out, "{target}")?,
+            names => writeln!(self.out, "{target}  without {}", names.join(" and "))?,
         }
         if let Some(turn) = &line.turn {
             write_turn(turn, self.out)?;
@@ -147,18 +176,19 @@ impl<W: Write> Printer<'_, W> {
     }
 
     pub fn refusal(&mut self, reason: String) -> Result<(), Failure> {
-        self.frames += 1;
+        let frame = self.frame();
+        self.rows += 1;
         self.refused += 1;
-        let frame = self.frames;
         let warnings = self.take_warnings();
         if self.options.json || self.options.csv {
             return self.object(&Refused {
                 frame,
+                label: self.label.clone(),
                 refused: reason,
                 warnings,
             });
         }
-        writeln!(self.out, "{frame:>5} refused: {reason}")?;
+        writeln!(self.out, "{frame:>5}{} refused: {reason}", self.target())?;
         Ok(())
     }
 
@@ -166,7 +196,7 @@ impl<W: Write> Printer<'_, W> {
         if self.options.json {
             return Ok(crate::commands::json::line(self.out, line)?);
         }
-        if self.frames == 1 {
+        if self.rows == 1 {
             csv_rows::header(self.out, &COLUMNS)?;
         }
         let object = serde_json::to_value(line).map_err(std::io::Error::from)?;
@@ -181,7 +211,7 @@ impl<W: Write> Printer<'_, W> {
         Err(Failure::Refused {
             file: self.options.input.clone(),
             refused: self.refused,
-            frames: self.frames,
+            frames: self.rows,
         })
     }
 }

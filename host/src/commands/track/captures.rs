@@ -1,6 +1,7 @@
 //! Frame sets from outside: follows each and prints its row.
 
 use super::absences::Absences;
+use super::others::{self, Targets};
 use super::page::{self, TrackPage};
 use super::row::{add_outcome, add_warnings, known, vector};
 use super::{TrackOptions, introduce, row};
@@ -8,7 +9,7 @@ use crate::commands::exposures::Exposures;
 use crate::commands::failure::Failure;
 use crate::commands::progress::{Count, StatusLine};
 use crate::commands::{csv_rows, json};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
@@ -74,6 +75,7 @@ pub struct Captures<'a> {
     page: Option<TrackPage>,
     /// True if the station triggers the cameras.
     is_triggered: bool,
+    targets: Option<Targets>,
 }
 
 impl<'a> Captures<'a> {
@@ -101,7 +103,8 @@ impl<'a> Captures<'a> {
         tap: Option<Arc<Tap>>,
     ) -> Result<Self, Failure> {
         let failed = |error| Failure::of_servo(port, error);
-        let regions = options.region.regions(rig)?;
+        let regions = options.regions(rig)?;
+        let targets = Targets::of(rig, &options.region.regions(rig)?, source)?;
         let place = options.station.place(port);
         let observer = tap.clone().map(|tap| tap as Arc<dyn StationObserver>);
         let triggering = match live {
@@ -160,6 +163,7 @@ impl<'a> Captures<'a> {
             drops: None,
             tap,
             is_triggered: triggering.is_some(),
+            targets,
         })
     }
 
@@ -252,6 +256,11 @@ impl<'a> Captures<'a> {
             if self.page.as_ref().is_some_and(TrackPage::is_stopped) {
                 return Err(Failure::of_station(self.port, page::stopped()));
             }
+            if followed.is_none()
+                && let Some(targets) = &mut self.targets
+            {
+                targets.refer_to(&capture);
+            }
             if let Some(followed) = followed {
                 summary.frames += 1;
                 summary.refused += usize::from(!followed.turn.outcome.is_used());
@@ -259,7 +268,12 @@ impl<'a> Captures<'a> {
                 let exposure = std::mem::take(&mut exposure);
                 match &mut line {
                     Some(line) if self.is_live => line.show(|rate| status(&followed, rate)),
-                    _ => self.print(summary.frames, &followed, exposure, out)?,
+                    _ => {
+                        let targets = self.targets.as_mut();
+                        let targets = targets.map(|targets| targets.measure(self.rig, &capture));
+                        let more = (exposure, targets);
+                        self.print(summary.frames, &followed, more, out)?;
+                    }
                 }
                 count.at(summary.frames);
             }
@@ -270,12 +284,12 @@ impl<'a> Captures<'a> {
         }
     }
 
-    /// Prints the row of a frame set, with sentences about its exposure.
+    /// Prints the row of a frame set, with sentences about its exposure, and all targets.
     fn print(
         &self,
         frame: usize,
         followed: &Followed,
-        exposure: Vec<String>,
+        (exposure, targets): (Vec<String>, Option<Value>),
         out: &mut impl Write,
     ) -> Result<(), Failure> {
         let Followed {
@@ -298,6 +312,9 @@ impl<'a> Captures<'a> {
             add_outcome(&mut object, outcome);
             if let Some(LiveDrops(count)) = &self.drops {
                 object["drops"] = json!(count());
+            }
+            if let Some(targets) = targets {
+                object["targets"] = targets;
             }
             let columns = row::columns(self.rig);
             if self.options.json {
@@ -326,6 +343,9 @@ impl<'a> Captures<'a> {
             };
             let (stage, position) = (vector(stage_mm), diagnosis::position(*trust));
             writeln!(out, "{frame:>5}  {seen}  {stage}  {position:>8}  {outcome}")?;
+            for target in targets.iter().filter_map(Value::as_array).flatten() {
+                writeln!(out, "{}", others::line(target))?;
+            }
         }
         // Flush, so that a reader gets each line at once.
         out.flush()?;

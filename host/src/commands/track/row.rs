@@ -1,5 +1,6 @@
 //! Rows of `track`: their objects, columns and words.
 
+use super::others;
 use crate::commands::csv_rows::{self, Column};
 use serde_json::{Value, json};
 use trinocular::servo::visual_servo::{ServoEstimate, ServoOutcome};
@@ -84,8 +85,10 @@ pub fn vector([x, y, z]: &[f64; 3]) -> String {
     format!("{x:>8.4} {y:>8.4} {z:>8.4}")
 }
 
-/// Returns the columns of --csv; those of the rotation come last, and only if it is estimated.
+/// Returns the columns of --csv; those of the rotation and of several targets come last, and only
+/// if there are any.
 pub fn columns(rig: &RigFile) -> Vec<&'static [Column]> {
     let turn = rig.pivot.map(|_| csv_rows::TURN.as_slice());
-    COLUMNS.into_iter().chain(turn).collect()
+    let targets = (rig.targets.len() > 1).then_some(others::COLUMNS.as_slice());
+    COLUMNS.into_iter().chain(turn).chain(targets).collect()
 }
