@@ -46,7 +46,7 @@ fn healthy_stage_survives_300_lives() {
 }
 
 #[test]
-#[ignore = "ten thousand lives take two minutes; tests/run includes it"]
+#[ignore = "ten thousand lives take two minutes; tests/run --all includes it"]
 fn healthy_stage_survives_10000_lives() {
     const LIVES: u64 = 10_000;
     let faults = faults(0..LIVES);

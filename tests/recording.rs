@@ -46,7 +46,7 @@ fn frames_or(few: usize) -> usize {
 }
 
 #[test]
-#[ignore = "takes a minute; tests/run includes it"]
+#[ignore = "takes a minute; tests/run --all includes it"]
 fn long_run_replays_without_difference() {
     let frames = frames_or(600);
     let folder = tempfile::tempdir().unwrap();

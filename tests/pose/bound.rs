@@ -148,7 +148,7 @@ fn pose_reaches_bound() {
 
 /// `POSE_TRIALS=1000`, as in `tests/run --all`, makes the long sweep.
 #[test]
-#[ignore = "takes a minute; tests/run includes it"]
+#[ignore = "takes a minute; tests/run --all includes it"]
 fn pose_reaches_bound_in_more_trials() {
     let trials = std::env::var("POSE_TRIALS").ok();
     sweep(
