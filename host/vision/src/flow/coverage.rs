@@ -67,10 +67,12 @@ impl InlierCoverage {
     ) -> Self {
         let reference = matcher.geometry.reference;
         let camera = keyframe.active.cameras[reference];
+        let start = |inlier: &Correspondence| inlier.pixels[reference][0];
         let tracker = CornerTracker {
             matcher,
             motion,
             inliers,
+            starts: inliers.iter().map(start).collect(),
         };
 
         // Cells that hold an inlier.
@@ -221,6 +223,8 @@ struct CornerTracker<'a> {
     matcher: &'a TemporalMatcher<'a>,
     motion: &'a dyn CornerMotion,
     inliers: &'a [Correspondence],
+    /// Pixel of each inlier at the keyframe.
+    starts: Vec<[f64; 2]>,
 }
 
 impl CornerTracker<'_> {
@@ -237,12 +241,14 @@ impl CornerTracker<'_> {
     /// Returns the inverse depth of the inlier that is nearest in the image.
     fn inverse_depth_near(&self, at: [f64; 2]) -> f64 {
         let geometry = self.matcher.geometry;
-        let distance = |inlier: &&Correspondence| {
-            let [x, y] = inlier.pixels[geometry.reference][0];
-            (x - at[0]).powi(2) + (y - at[1]).powi(2)
-        };
-        let inliers = self.inliers.iter();
-        let nearest = inliers.min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let mut least = f64::INFINITY;
+        let mut nearest = None;
+        for (inlier, [x, y]) in self.inliers.iter().zip(&self.starts) {
+            let square = (x - at[0]).powi(2) + (y - at[1]).powi(2);
+            if square < least {
+                (least, nearest) = (square, Some(inlier));
+            }
+        }
         nearest.map_or(0.0, |inlier| {
             let starts: Vec<[f64; 2]> = inlier.views.iter().map(|view| view.start).collect();
             geometry.fit(&starts).inverse_depth
@@ -250,7 +256,7 @@ impl CornerTracker<'_> {
     }
 
     fn stays_in_view(&self, at: [f64; 2]) -> bool {
-        let now = &self.matcher.now[self.matcher.geometry.reference].levels[0];
+        let now = self.matcher.now[self.matcher.geometry.reference].finest();
         let predicted = self.motion.predicted(at, self.inverse_depth_near(at));
         predicted.is_some_and(|to| FineTemplate::fits(now, to.map(|c| c as f32)))
     }

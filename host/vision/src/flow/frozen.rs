@@ -1,7 +1,8 @@
 //! Frozen cameras: images that repeat the one before, to the last bit of noise.
 
+use pulp::{Arch, NullaryFnOnce};
+
 use super::CameraRefusal;
-use crate::images::Image;
 
 /// Memory of the last images, and of the cameras that were frozen then.
 #[derive(Clone, Debug, Default)]
@@ -43,7 +44,7 @@ pub(super) fn mark_frozen(
         .filter(is_usable)
         .partition(|k| fingerprints[*k] == last[*k]);
     // A camera that gave no image before has none that could have changed.
-    let none = fingerprint(&Image::missing());
+    let Fingerprint(none) = Fingerprint::default();
     if changed.iter().any(|k| last[*k] != none) {
         for k in same {
             refusals[k] = Some(CameraRefusal::Frozen);
@@ -51,23 +52,74 @@ pub(super) fn mark_frozen(
     }
 }
 
-/// Computes a number that changes with any change of the image: Fowler, Noll and Vo's hash over
-/// eight bytes at a time, in four lanes.
-pub fn fingerprint(image: &Image) -> u64 {
-    const PRIME: u64 = 0x0000_0100_0000_01b3;
-    let mut lanes = [0xcbf2_9ce4_8422_2325_u64; 4];
-    let (blocks, rest) = image.grey.as_chunks::<32>();
-    for block in blocks {
-        let (words, _) = block.as_chunks::<8>();
-        for (lane, word) in lanes.iter_mut().zip(words) {
-            *lane = (*lane ^ u64::from_le_bytes(*word))
-                .wrapping_mul(PRIME)
-                .rotate_left(29);
-        }
+/// Number that changes with any change of an image, made of those of its bands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fingerprint(pub u64);
+
+impl Default for Fingerprint {
+    /// Returns the fingerprint of a missing image.
+    fn default() -> Self {
+        Self(PRIME)
     }
-    let mix = |hash: u64, word: u64| (hash ^ word).wrapping_mul(PRIME);
+}
+
+impl Fingerprint {
+    /// Adds the [`fingerprint`] of the next band.
+    pub fn add(&mut self, part: u64) {
+        self.0 = mix(self.0, part).rotate_left(29);
+    }
+}
+
+const PRIME: u64 = 0x0000_0100_0000_01b3;
+/// Number of words that are hashed together: vectors of any processor are filled, and none waits for
+/// the one before.
+const LANES: usize = 32;
+
+fn mix(hash: u64, word: u64) -> u64 {
+    (hash ^ word).wrapping_mul(PRIME)
+}
+
+/// Computes a number that changes with any change of the grey levels: Fowler, Noll and Vo's hash
+/// over four bytes at a time, in [`LANES`] lanes, which are then hashed themselves.
+pub fn fingerprint(grey: &[u8]) -> u64 {
+    let mut lanes = [0x811c_9dc5_u32; LANES];
+    Arch::new().dispatch(Hash {
+        grey,
+        lanes: &mut lanes,
+    });
+    let (_, rest) = grey.as_chunks::<{ 4 * LANES }>();
     let bytes = rest.iter().map(|byte| u64::from(*byte));
-    lanes.into_iter().chain(bytes).fold(PRIME, mix)
+    let (pairs, _) = lanes.as_chunks::<2>();
+    let words = pairs
+        .iter()
+        .map(|[a, b]| u64::from(*a) << 32 | u64::from(*b));
+    let length = grey.len() as u64;
+    words.chain(bytes).fold(length, mix)
+}
+
+/// Hash of all whole blocks of words.
+struct Hash<'a> {
+    grey: &'a [u8],
+    lanes: &'a mut [u32; LANES],
+}
+
+impl NullaryFnOnce for Hash<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        const PRIME: u32 = 0x0100_0193;
+        let mut lanes = *self.lanes;
+        let (blocks, _) = self.grey.as_chunks::<{ 4 * LANES }>();
+        for block in blocks {
+            let (words, _) = block.as_chunks::<4>();
+            for (lane, word) in lanes.iter_mut().zip(words) {
+                let hash = (*lane ^ u32::from_le_bytes(*word)).wrapping_mul(PRIME);
+                *lane = hash.rotate_left(15);
+            }
+        }
+        *self.lanes = lanes;
+    }
 }
 
 #[cfg(test)]
@@ -93,7 +145,7 @@ mod tests {
         let mut refusals = [None, None, Some(CameraRefusal::Missing)];
         mark_frozen(&mut refusals, &[1, 2, 0], &[1, 2, 3]);
         assert_eq!(refusals, [None, None, Some(CameraRefusal::Missing)]);
-        let none = fingerprint(&Image::missing());
+        let Fingerprint(none) = Fingerprint::default();
         assert_eq!(marked(&[1, 2, 3], &[1, 2, none]), [None; 3]);
         let frozen = [Some(CameraRefusal::Frozen), None, None];
         assert_eq!(marked(&[1, 5, 3], &[1, 2, none]), frozen);
@@ -116,16 +168,27 @@ mod tests {
 
     #[test]
     fn any_pixel_changes_fingerprint() {
-        let first = Image {
-            width: 7,
-            height: 5,
-            grey: vec![100; 35],
-        };
-        for i in 0..first.grey.len() {
-            let mut other = first.clone();
-            other.grey[i] ^= 1;
-            assert_ne!(fingerprint(&first), fingerprint(&other), "{i}");
+        // Whole blocks, and a rest.
+        let first: Vec<u8> = (0..3 * 4 * LANES + 35).map(|i| (i * 7) as u8).collect();
+        let mut seen = vec![fingerprint(&first)];
+        for i in 0..first.len() {
+            for bit in [0, 7] {
+                let mut other = first.clone();
+                other[i] ^= 1 << bit;
+                seen.push(fingerprint(&other));
+            }
         }
+        seen.extend([0, 1, 128].map(|length| fingerprint(&vec![0; length])));
+        let of_bands = |parts: &[u64]| {
+            let mut all = Fingerprint::default();
+            parts.iter().for_each(|part| all.add(*part));
+            all.0
+        };
+        seen.extend([&[1, 2][..], &[2, 1], &[1, 2, 0], &[]].map(of_bands));
+        let count = seen.len();
+        seen.sort_unstable();
+        seen.dedup();
+        assert_eq!(seen.len(), count);
         assert_eq!(fingerprint(&first), fingerprint(&first.clone()));
     }
 }

@@ -5,7 +5,7 @@ use super::camera_refusal::CameraRefusal;
 use super::frozen;
 use super::{FilteredFrameSet, Flow, FlowRefusal, StageObserver};
 use crate::matching::RejectCounts;
-use crate::matching::pyramid::Pyramid;
+use crate::matching::pyramid::FramePyramid;
 use crate::matching::stereo::StereoMatch;
 use crate::matching::zncc::ZnccPlane;
 
@@ -33,7 +33,7 @@ pub(super) struct ActiveKeyframe<'a> {
     /// Cameras that take part now. All fields but `pyramids` cover only these.
     pub(super) active: &'a ActiveCameras,
     /// Images of all cameras of the rig.
-    pub(super) pyramids: &'a [Pyramid],
+    pub(super) pyramids: &'a [FramePyramid],
     /// Coarse image of the reference camera.
     pub(super) coarse: &'a ZnccPlane,
     /// Matched points.
@@ -89,7 +89,7 @@ impl Keyframe {
             }
         };
         let reference = active.cameras[active.geometry.reference];
-        let plane = &self.filtered.pyramids[reference].levels[level];
+        let plane = &self.filtered.pyramids[reference].coarse()[level - 1];
         let matches = self.matches.iter().map(restrict).collect();
         (matches, ZnccPlane::new(plane))
     }
@@ -103,13 +103,19 @@ impl Flow {
     /// [`FlowRefusal`] if the points cannot be matched; there is no keyframe then.
     pub fn set_filtered_keyframe(
         &mut self,
-        filtered: FilteredFrameSet,
+        mut filtered: FilteredFrameSet,
         observer: &mut dyn StageObserver,
     ) -> Result<(), FlowRefusal> {
         // The old keyframe's memory is freed only after the new one is complete. Otherwise the
         // allocator would return it to the system and ask for it again at once.
         let old = self.keyframe.take();
         self.reduced = None;
+        // Corners are chosen in the whole image of the reference camera.
+        let active = self.active_cameras(&filtered.camera_refusals);
+        let reference = active.ok().and_then(|active| active.reference_camera());
+        if let Some(pyramid) = reference.and_then(|k| filtered.pyramids.get_mut(k)) {
+            pyramid.prepare_fine(&self.thread_pool);
+        }
         match self.match_corners(&filtered, observer) {
             Ok(matched) => {
                 self.keyframe = Some(Keyframe {

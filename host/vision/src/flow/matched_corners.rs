@@ -86,7 +86,7 @@ impl Flow {
         let whole = active.cameras[reference];
         let regions = &self.regions;
         let corners = corner::corners_within(
-            &pyramids[reference].levels[0],
+            pyramids[reference].fine(),
             &CornerSettings {
                 margin: FineTemplate::MARGIN + 1,
                 spacing_px: settings.min_spacing_px,
@@ -104,7 +104,7 @@ impl Flow {
 
         // Multi-baseline stereo match of each corner, in batches.
         let level = self.spatial_level();
-        let planes = pyramids.iter().map(|p| &p.levels[level]).collect();
+        let planes = pyramids.iter().map(|p| &p.coarse()[level - 1]).collect();
         let planes = thread_pool.map(planes, ZnccPlane::new);
         let matcher = StereoMatcher {
             geometry: &active.geometry,
@@ -149,7 +149,7 @@ impl Flow {
         }
         let unmatched = tried.unmatched.into_iter().map(|(place, _)| place);
         let unmatched = unmatched.chain(untried.iter().copied()).collect();
-        let coarse = ZnccPlane::new(&pyramids[reference].levels[self.temporal_level()]);
+        let coarse = ZnccPlane::new(&pyramids[reference].coarse()[self.temporal_level() - 1]);
         observer.stage_done(PipelineStage::Spatial);
         Ok(MatchedCorners {
             active,

@@ -138,7 +138,7 @@ impl Flow {
 
         // Displacement search on a coarse level, then refinement to a fraction of a pixel.
         let level = self.temporal_level();
-        let coarse = ZnccPlane::new(&now[matcher.geometry.reference].levels[level]);
+        let coarse = ZnccPlane::new(&now[matcher.geometry.reference].coarse()[level - 1]);
         let search = self.search(keyframe, &coarse);
         let rough_mm = self.rough_displacement(keyframe, &matcher, &search)?;
         observer.stage_done(PipelineStage::Search);

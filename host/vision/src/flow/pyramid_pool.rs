@@ -4,15 +4,15 @@
 //! pyramids of a frame set that is no longer needed become the buffers of the next one.
 
 use super::FilteredFrameSet;
-use crate::matching::pyramid::Pyramid;
+use crate::matching::pyramid::FramePyramid;
 
 /// Pyramids of at most one frame set.
 #[derive(Clone, Debug, Default)]
-pub(super) struct PyramidPool(Vec<Pyramid>);
+pub(super) struct PyramidPool(Vec<FramePyramid>);
 
 impl PyramidPool {
     /// Takes all pyramids out of the pool.
-    pub(super) fn take(&mut self) -> Vec<Pyramid> {
+    pub(super) fn take(&mut self) -> Vec<FramePyramid> {
         std::mem::take(&mut self.0)
     }
 

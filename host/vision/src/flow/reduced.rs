@@ -17,7 +17,7 @@ use super::{
 use crate::images::Image;
 use crate::matching::MatchSettings;
 use crate::matching::geometry::RigGeometry;
-use crate::matching::pyramid::Pyramid;
+use crate::matching::pyramid::FramePyramid;
 use std::sync::Arc;
 use trinocular_core::rig::Rig;
 
@@ -83,7 +83,7 @@ impl Flow {
     pub(super) fn halved(&self, filtered: &FilteredFrameSet) -> FilteredFrameSet {
         let levels = self.levels();
         let pyramids = filtered.pyramids.iter().collect();
-        let halved = |pyramid: &Pyramid| pyramid.halved(levels);
+        let halved = |pyramid: &FramePyramid| pyramid.halved(levels);
         FilteredFrameSet {
             pyramids: self.thread_pool.map(pyramids, halved),
             camera_refusals: filtered.camera_refusals.clone(),

@@ -11,7 +11,7 @@ use super::{Correspondence, FlowSettings};
 use crate::matching::Reject;
 use crate::matching::geometry::RigGeometry;
 use crate::matching::lucas_kanade::{CoarseTemplate, FineTemplate, PlaneWarp, Registration};
-use crate::matching::pyramid::Pyramid;
+use crate::matching::pyramid::FramePyramid;
 use crate::matching::stereo::{self, StereoMatch};
 use crate::thread_pool::ThreadPool;
 
@@ -26,9 +26,9 @@ pub struct TemporalMatcher<'a> {
     /// Limits.
     pub settings: &'a FlowSettings,
     /// Pyramids of the keyframe, per active camera.
-    pub before: &'a [&'a Pyramid],
+    pub before: &'a [&'a FramePyramid],
     /// Pyramids of the frame set now, per active camera.
-    pub now: &'a [&'a Pyramid],
+    pub now: &'a [&'a FramePyramid],
     /// Threads that share the work.
     pub thread_pool: &'a ThreadPool,
 }
@@ -68,7 +68,7 @@ impl TemporalMatcher<'_> {
         level: usize,
     ) -> Option<RefinedDisplacement> {
         let k = self.geometry.reference;
-        let [before, now] = [self.before, self.now].map(|p| p[k].levels.get(level));
+        let [before, now] = [self.before, self.now].map(|p| p[k].level(level));
         let (before, now) = (before?, now?);
         let scale = (1 << level) as f64;
 
@@ -183,7 +183,7 @@ impl TemporalMatcher<'_> {
         let k = self.geometry.reference;
         let scale = (1 << level) as f64;
         let on_level = |pixel: [f64; 2]| pixel.map(|c| (c / scale) as f32);
-        let [before, now] = [self.before, self.now].map(|p| p[k].levels.get(level));
+        let [before, now] = [self.before, self.now].map(|p| p[k].level(level));
         let template = CoarseTemplate::new(before?, on_level(at))?;
         let warp = magnification(inverse_depth, displacement_mm);
         let found = template.find(now?, on_level(start), warp, MAX_STEPS)?;
@@ -203,7 +203,7 @@ impl TemporalMatcher<'_> {
         let k = self.geometry.reference;
         let scale = (1 << level) as f64;
         let on_level = |pixel: [f64; 2]| pixel.map(|c| (c / scale) as f32);
-        let [before, now] = [self.before, self.now].map(|p| p[k].levels.get(level));
+        let [before, now] = [self.before, self.now].map(|p| p[k].level(level));
         let warp = PlaneWarp {
             shrink: warp.shrink.map(|s| s * scale as f32),
             ..*warp
@@ -223,7 +223,7 @@ impl TemporalMatcher<'_> {
         to: [f64; 2],
         warp: &PlaneWarp,
     ) -> Result<[f64; 2], Reject> {
-        let [before, now] = [self.before, self.now].map(|pyramids| &pyramids[k].levels[0]);
+        let (before, now) = (self.before[k].fine(), self.now[k].finest());
         let (at, to) = (at.map(|p| p as f32), to.map(|p| p as f32));
         if !FineTemplate::fits(now, to) {
             return Err(Reject::OutOfView);
@@ -241,7 +241,7 @@ impl TemporalMatcher<'_> {
         matched: &StereoMatch,
         displacement_mm: [f64; 3],
     ) -> Result<Registration, Reject> {
-        let now = &self.now[k].levels[0];
+        let now = self.now[k].finest();
         let rho = matched.ray.inverse_depth;
         let expected = PointFlow::predicted(matched.normalised[k], rho, displacement_mm);
         let start = self.geometry.pixel(k, expected).map(|p| p as f32);

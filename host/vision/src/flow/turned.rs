@@ -174,7 +174,7 @@ impl Flow {
             Ok(measurement) => {
                 let level = self.temporal_level();
                 let upright = (rough.turn_rad != 0.0)
-                    .then(|| ZnccPlane::new(&now[geometry.reference].levels[level]));
+                    .then(|| ZnccPlane::new(&now[geometry.reference].coarse()[level - 1]));
                 let upright = upright.as_ref().map(|coarse| (coarse, 0.0));
                 let planes = upright.into_iter().chain([(&rough.coarse, rough.turn_rad)]);
                 let motion = PosedCorners {

@@ -21,12 +21,14 @@
 //! The forward-backward error (Z. Kalal, K. Mikolajczyk and J. Matas, *Forward-Backward Error*,
 //! ICPR 2010) comes from one step back with the gradients of the window that was found.
 
+mod source;
 mod window;
 
 use pulp::{Arch, NullaryFnOnce};
 
-use super::pyramid::Plane;
+use super::pyramid::{Finest, Plane};
 use super::{MatchSettings, Reject};
+use source::WindowSource;
 use window::{Grid, LeastSquares, Window, product, products};
 
 /// Place of a template in an image.
@@ -128,25 +130,40 @@ impl<const N: usize, const W: usize> Template<N, W> {
     /// Side of the window, px.
     pub const SIDE: usize = N;
 
-    /// Returns true if a window around `at` lies within `plane`.
-    pub fn fits(plane: &Plane, at: [f32; 2]) -> bool {
+    /// Returns true if a window around `at` lies within `image`.
+    pub fn fits<'a>(image: impl Into<Finest<'a>>, at: [f32; 2]) -> bool {
+        Self::fits_size(image.into().size(), at)
+    }
+
+    #[inline(always)]
+    fn fits_size(size: [usize; 2], at: [f32; 2]) -> bool {
         let inside = |at: f32, size: usize| {
             at >= Self::MARGIN as f32 && at < size as f32 - Self::MARGIN as f32
         };
-        inside(at[0], plane.width) && inside(at[1], plane.height)
+        inside(at[0], size[0]) && inside(at[1], size[1])
     }
 
-    /// Takes the window of `plane` around `at`. Returns `None` if it leaves the image or has too
+    /// Takes the window of `image` around `at`. Returns `None` if it leaves the image or has too
     /// little contrast in some direction. Boxed, because it is large and moved often.
-    pub fn new(plane: &Plane, at: [f32; 2]) -> Option<Box<Self>> {
-        if !Self::fits(plane, at) {
+    pub fn new<'a>(image: impl Into<Finest<'a>>, at: [f32; 2]) -> Option<Box<Self>> {
+        let image = image.into();
+        if !Self::fits(image, at) {
             return None;
         }
         let mut template = Self::empty();
-        Arch::new().dispatch(Read {
-            window: Window::<N, W>::around(plane, at),
-            template: &mut template,
-        });
+        let out = &mut *template;
+        match image {
+            Finest::Whole(plane) => Arch::new().dispatch(Read {
+                source: plane,
+                at,
+                template: out,
+            }),
+            Finest::Image(image) => Arch::new().dispatch(Read {
+                source: image,
+                at,
+                template: out,
+            }),
+        }
         template.has_contrast().then_some(template)
     }
 
@@ -214,21 +231,34 @@ impl<const N: usize, const W: usize> Template<N, W> {
         template.has_contrast().then_some(template)
     }
 
-    /// Finds the template, warped by `warp` (near the identity), in `plane`, from `start` on. The
+    /// Finds the template, warped by `warp` (near the identity), in `image`, from `start` on. The
     /// image at `d` from the centre shows the template's pixel at `warp d`.
     ///
     /// Returns `None` if the window leaves the image, turns into its negative, or does not converge
     /// in `steps` steps.
-    pub fn find(
+    pub fn find<'a>(
         &self,
-        plane: &Plane,
+        image: impl Into<Finest<'a>>,
+        start: [f32; 2],
+        warp: [[f32; 2]; 2],
+        steps: usize,
+    ) -> Option<Registration> {
+        match image.into() {
+            Finest::Whole(plane) => self.find_in(plane, start, warp, steps),
+            Finest::Image(image) => self.find_in(image, start, warp, steps),
+        }
+    }
+
+    fn find_in(
+        &self,
+        source: impl WindowSource,
         start: [f32; 2],
         warp: [[f32; 2]; 2],
         steps: usize,
     ) -> Option<Registration> {
         Arch::new().dispatch(Find {
             template: self,
-            plane,
+            source,
             start,
             warp,
             steps,
@@ -279,12 +309,13 @@ impl<const N: usize, const W: usize> Template<N, W> {
 }
 
 /// Construction of a template in place.
-struct Read<'a, const N: usize, const W: usize> {
-    window: Window<'a, N, W>,
+struct Read<'a, S, const N: usize, const W: usize> {
+    source: S,
+    at: [f32; 2],
     template: &'a mut Template<N, W>,
 }
 
-impl<const N: usize, const W: usize> NullaryFnOnce for Read<'_, N, W> {
+impl<S: WindowSource, const N: usize, const W: usize> NullaryFnOnce for Read<'_, S, N, W> {
     type Output = ();
 
     #[inline(always)]
@@ -293,7 +324,9 @@ impl<const N: usize, const W: usize> NullaryFnOnce for Read<'_, N, W> {
         let Template {
             grey, along, down, ..
         } = &mut *template;
-        self.window.read(grey, along, down);
+        let mut part = S::Part::default();
+        let window = Window::<N, W>::around(self.source, &mut part, self.at);
+        window.read(grey, along, down);
         template.complete();
     }
 }
@@ -341,19 +374,21 @@ impl<const N: usize, const W: usize> NullaryFnOnce for ReadTurned<'_, N, W> {
 }
 
 /// Registration of a template, by Gauss-Newton steps.
-struct Find<'a, const N: usize, const W: usize> {
+struct Find<'a, S, const N: usize, const W: usize> {
     template: &'a Template<N, W>,
-    plane: &'a Plane,
+    source: S,
     start: [f32; 2],
     warp: [[f32; 2]; 2],
     steps: usize,
 }
 
-impl<const N: usize, const W: usize> NullaryFnOnce for Find<'_, N, W> {
+impl<S: WindowSource, const N: usize, const W: usize> NullaryFnOnce for Find<'_, S, N, W> {
     type Output = Option<Registration>;
 
     #[inline(always)]
     fn call(self) -> Option<Registration> {
+        let mut part = S::Part::default();
+        let size = self.source.size();
         let template = self.template;
         let warped = template.warped(self.warp);
         let (grey, moments) = match &warped {
@@ -364,10 +399,10 @@ impl<const N: usize, const W: usize> NullaryFnOnce for Find<'_, N, W> {
         let mut at = self.start;
         let mut seen = [[0.0_f32; W]; N];
         for _ in 0..self.steps {
-            if !Template::<N, W>::fits(self.plane, at) {
+            if !Template::<N, W>::fits_size(size, at) {
                 return None;
             }
-            let window = Window::<N, W>::around(self.plane, at);
+            let window = Window::<N, W>::around(self.source, &mut part, at);
             window.sample(&mut seen);
             // Σ T' I and Σ g I of the window at the present place.
             let [common, x, y] = products(&seen, [grey, &template.along, &template.down]);

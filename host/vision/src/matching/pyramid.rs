@@ -5,10 +5,20 @@
 //! Feature Tracker*, 2000, uses `[1 2 1]/4` for this). Level 0 is the image itself, smoothed by the
 //! same filter: the Gaussian of the paper's section 4.3, sigma 1 px. Pixel `(x, y)` of level `l`
 //! lies at `(x 2^l, y 2^l)` of the image, without half pixels.
+//!
+//! [`Pyramid`] has all levels. [`FramePyramid`] has those above level 0, and smooths parts of
+//! level 0 where windows are read: most of a large image is never looked at.
+
+mod first_level;
+mod frame;
+mod patch;
 
 use pulp::{Arch, NullaryFnOnce};
 
 use crate::images::Image;
+
+pub use frame::{Band, Finest, FramePyramid};
+pub(super) use patch::Patch;
 
 /// Columns right of the image that repeat its last one, so that vectors may read past the end of a
 /// row.
@@ -123,15 +133,15 @@ fn rows<T>(source: &[T], centre: usize, [width, height]: [usize; 2], stride: usi
     })
 }
 
-/// Computes row `r` of level 0, in 16-bit integers: narrow numbers are the fastest.
+/// Computes row `r` of level 0 with its padding, in 16-bit integers: narrow numbers are the fastest.
 #[inline(always)]
-fn smooth(image: &Image, r: usize, column: &mut [u16], plane: &mut Plane) {
-    let (width, height) = (plane.width, plane.height);
+fn smooth(image: &Image, r: usize, column: &mut [u16], out: &mut [f32]) {
+    let (width, height) = (image.width, image.height);
     let five = rows(&image.grey, r, [width, height], width);
     let filter = |levels: [u8; 5]| narrow(levels.map(u16::from));
     across(five, filter, &mut column[2..width + 2]);
     repeat_ends(&mut column[..width + 4]);
-    let (inside, beyond) = plane.row_mut(r);
+    let (inside, beyond) = out.split_at_mut(width);
     along(column, inside);
     beyond.fill(inside[width - 1]);
 }
@@ -186,11 +196,13 @@ impl NullaryFnOnce for Fill<'_> {
     fn call(self) {
         let Self { image, levels } = self;
         let mut sums = vec![0_u16; image.width + 4];
-        let mut row = HalvedRow::new(image.width);
+        let mut halved = HalvedRow::new(image.width);
         // Number of complete rows, per level.
         let mut done = vec![0; levels.len()];
         for r in 0..image.height {
-            smooth(image, r, &mut sums, &mut levels[0]);
+            let finest = &mut levels[0];
+            let row = &mut finest.grey[r * finest.stride..][..finest.stride];
+            smooth(image, r, &mut sums, row);
             done[0] += 1;
             for level in 1..levels.len() {
                 let (below, above) = levels.split_at_mut(level);
@@ -198,7 +210,7 @@ impl NullaryFnOnce for Fill<'_> {
                 while done[level] < plane.height
                     && (2 * done[level] + 2).min(below.height - 1) < done[level - 1]
                 {
-                    halve(below, done[level], &mut row, plane);
+                    halve(below, done[level], &mut halved, plane);
                     done[level] += 1;
                 }
             }
@@ -206,22 +218,23 @@ impl NullaryFnOnce for Fill<'_> {
     }
 }
 
-/// Computation of the level above a plane.
-struct Halve<'a>(&'a Plane);
+/// Computation of the levels above the first of `levels`.
+struct Halve<'a>(&'a mut [Plane]);
 
 impl NullaryFnOnce for Halve<'_> {
-    type Output = Plane;
+    type Output = ();
 
     #[inline(always)]
-    fn call(self) -> Plane {
-        let below = self.0;
-        let mut plane = Plane::default();
-        plane.resize(below.width.div_ceil(2), below.height.div_ceil(2));
-        let mut row = HalvedRow::new(below.width);
-        for r in 0..plane.height {
-            halve(below, r, &mut row, &mut plane);
+    fn call(self) {
+        let mut row = HalvedRow::new(self.0.first().map_or(0, |plane| plane.width));
+        for level in 1..self.0.len() {
+            let (below, above) = self.0.split_at_mut(level);
+            let (below, plane) = (&below[level - 1], &mut above[0]);
+            plane.resize(below.width.div_ceil(2), below.height.div_ceil(2));
+            for r in 0..plane.height {
+                halve(below, r, &mut row, plane);
+            }
         }
-        plane
     }
 }
 
@@ -277,177 +290,7 @@ impl Pyramid {
         let levels = &mut self.levels;
         Arch::new().dispatch(Fill { image, levels });
     }
-
-    /// Returns the pyramid of `levels` levels that begins at level 1 of this one. An empty pyramid
-    /// stays empty.
-    pub fn halved(&self, levels: usize) -> Self {
-        let mut planes: Vec<Plane> = self.levels.iter().skip(1).take(levels).cloned().collect();
-        while planes.len() < levels
-            && let Some(below) = planes.last().or(self.levels.last())
-        {
-            planes.push(Arch::new().dispatch(Halve(below)));
-        }
-        Self { levels: planes }
-    }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn slope_is_kept_at_every_level() {
-        let grey = (0..64 * 48)
-            .map(|i| (2 * (i % 64) + i / 64) as u8)
-            .collect();
-        let image = Image {
-            width: 64,
-            height: 48,
-            grey,
-        };
-        let pyramid = Pyramid::new(&image, 3);
-        for (level, plane) in pyramid.levels.iter().enumerate() {
-            let scale = 1 << level;
-            assert_eq!((plane.width, plane.height), (64 / scale, 48 / scale));
-            for (x, y) in [(4, 4), (7, 5)] {
-                let expected = (2 * x * scale + y * scale) as f32;
-                assert_eq!(plane.grey[y * plane.stride + x], expected);
-            }
-        }
-    }
-
-    #[test]
-    fn halved_pyramid_has_the_levels_above() {
-        let grey = (0..63 * 47).map(|i| (i * 7919 % 251) as u8).collect();
-        let image = Image {
-            width: 63,
-            height: 47,
-            grey,
-        };
-        let whole = Pyramid::new(&image, 4);
-        // Levels that the pyramid has, and levels that it lacks.
-        for kept in [1, 2, 4] {
-            let levels = whole.levels[..kept].to_vec();
-            let halved = Pyramid { levels }.halved(3);
-            assert_eq!(halved.levels.len(), 3);
-            for (level, expected) in halved.levels.iter().zip(&whole.levels[1..]) {
-                assert_eq!(
-                    (level.width, level.height),
-                    (expected.width, expected.height)
-                );
-                assert_eq!(level.grey, expected.grey);
-            }
-        }
-        assert!(Pyramid::default().halved(3).levels.is_empty());
-    }
-
-    #[test]
-    fn halved_row_has_bits_of_single_places() {
-        let mut random = trinocular_rig::random::Random::seeded(3);
-        for width in 1..70_usize {
-            let mut row: Vec<f32> = (0..width + 5)
-                .map(|_| random.between(0.0, 4e3) as f32)
-                .collect();
-            repeat_ends(&mut row[..width + 4]);
-            let mut parts = [(); 2].map(|()| vec![0.0; row.len().div_ceil(2)]);
-            split(&row, parts.each_mut().map(Vec::as_mut_slice));
-            let mut out = vec![0.0; width.div_ceil(2)];
-            along_halved(parts.each_ref().map(Vec::as_slice), &mut out);
-            for (i, found) in out.into_iter().enumerate() {
-                let five = [0, 1, 2, 3, 4].map(|tap| row[2 * i + tap]);
-                assert_eq!(found, wide(five) / 256.0, "{width} {i}");
-            }
-        }
-    }
-
-    #[test]
-    fn point_spreads_as_binomial() {
-        let mut image = Image {
-            width: 9,
-            height: 9,
-            grey: vec![0; 81],
-        };
-        image.grey[4 * 9 + 4] = 128;
-        let plane = &Pyramid::new(&image, 1).levels[0];
-        let row = |y: usize| &plane.grey[y * plane.stride..][..9];
-        assert_eq!(row(4)[2..7], [3.0, 12.0, 18.0, 12.0, 3.0]);
-        assert_eq!(row(2)[4], 3.0);
-    }
-
-    /// Computes a level by the module's definition, pixel by pixel.
-    fn by_definition(
-        width: usize,
-        height: usize,
-        at: impl Fn(usize, usize) -> f64,
-        step: usize,
-    ) -> Vec<f64> {
-        let tap = |centre: usize, offset: usize, size: usize| {
-            (centre + offset).saturating_sub(2).min(size - 1)
-        };
-        let weights = [1.0, 4.0, 6.0, 4.0, 1.0];
-        let mut out = Vec::new();
-        for y in (0..height).step_by(step) {
-            for x in (0..width).step_by(step) {
-                let row = |j| {
-                    (0..5)
-                        .map(|i| weights[i] * at(tap(x, i, width), tap(y, j, height)))
-                        .sum::<f64>()
-                };
-                out.push((0..5).map(|j| weights[j] * row(j)).sum::<f64>() / 256.0);
-            }
-        }
-        out
-    }
-
-    #[test]
-    fn levels_follow_definition() {
-        for (width, height) in [(1, 1), (2, 9), (9, 2), (33, 17), (64, 47), (23, 40)] {
-            let grey = (0..width * height)
-                .map(|i| (i * 7919 % 251) as u8)
-                .collect();
-            let image = Image {
-                width,
-                height,
-                grey,
-            };
-            let mut pyramid = Pyramid::default();
-            // Old content of the memory must not matter.
-            pyramid.refill(
-                &Image {
-                    width: 40,
-                    height: 40,
-                    grey: vec![255; 1600],
-                },
-                3,
-            );
-            pyramid.refill(&image, 4);
-            let mut expected = by_definition(
-                width,
-                height,
-                |x, y| f64::from(image.grey[y * width + x]),
-                1,
-            );
-            for (level, plane) in pyramid.levels.iter().enumerate() {
-                if level > 0 {
-                    let below = &pyramid.levels[level - 1];
-                    let at = |x, y| f64::from(below.grey[y * below.stride + x]);
-                    expected = by_definition(below.width, below.height, at, 2);
-                }
-                assert_eq!(expected.len(), plane.width * plane.height);
-                for (i, expected) in expected.iter().enumerate() {
-                    let row = &plane.grey[i / plane.width * plane.stride..][..plane.stride];
-                    let value = f64::from(row[i % plane.width]);
-                    assert!(
-                        (value - expected).abs() < 1e-4,
-                        "{width} x {height}, level {level}, {i}"
-                    );
-                    assert!(
-                        row[plane.width..]
-                            .iter()
-                            .all(|v| *v == row[plane.width - 1])
-                    );
-                }
-            }
-        }
-    }
-}
+mod tests;

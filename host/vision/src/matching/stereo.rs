@@ -10,7 +10,7 @@
 use super::epipolar::{EpipolarScores, line, peaks, vertex};
 use super::geometry::{Ray, RigGeometry};
 use super::lucas_kanade::{CoarseTemplate, FineTemplate};
-use super::pyramid::Pyramid;
+use super::pyramid::FramePyramid;
 use super::zncc::{OUTSIDE, ZnccPlane};
 use super::{MatchSettings, Reject};
 use std::sync::Arc;
@@ -77,7 +77,7 @@ pub struct StereoMatcher<'a> {
     /// Tests of a match.
     pub settings: &'a MatchSettings,
     /// Pyramids, per camera.
-    pub pyramids: &'a [&'a Pyramid],
+    pub pyramids: &'a [&'a FramePyramid],
     /// Coarse level to search, per camera.
     pub planes: &'a [ZnccPlane],
     /// Number of the coarse level.
@@ -205,16 +205,16 @@ impl StereoMatcher<'_> {
 
     /// Takes the templates of the refinement. Returns `None` without texture.
     fn templates(&self, at: [f64; 2]) -> Option<CornerTemplates> {
-        let levels = &self.pyramids[self.geometry.reference].levels;
+        let pyramid = self.pyramids[self.geometry.reference];
         let coarse = (1..self.level).map(|level| {
             let scale = (1 << level) as f64;
-            CoarseTemplate::new(&levels[level], at.map(|c| (c / scale) as f32))
+            CoarseTemplate::new(pyramid.level(level)?, at.map(|c| (c / scale) as f32))
                 .map(|template| *template)
         });
         Some(CornerTemplates {
             at,
             coarse: coarse.collect::<Option<_>>()?,
-            fine: FineTemplate::new(&levels[0], at.map(|c| c as f32))?,
+            fine: FineTemplate::new(pyramid.finest(), at.map(|c| c as f32))?,
         })
     }
 
@@ -229,7 +229,7 @@ impl StereoMatcher<'_> {
             let template = if k == self.geometry.reference {
                 own.take()
             } else {
-                FineTemplate::new(&self.pyramids[k].levels[0], pixel.map(|p| p as f32))
+                FineTemplate::new(self.pyramids[k].finest(), pixel.map(|p| p as f32))
             };
             matched
                 .templates
@@ -343,14 +343,15 @@ impl StereoMatcher<'_> {
             // Lucas-Kanade from the candidate's start, coarse to fine.
             let warp = geometry.warp(k, corner.at, candidate.inverse_depth);
             let mut place = candidate.starts[k].map(|p| p as f32);
-            let levels = &self.pyramids[k].levels;
+            let pyramid = self.pyramids[k];
             for (level, template) in (1..self.level).zip(&corner.coarse).rev() {
                 let scale = (1 << level) as f32;
                 let start = place.map(|p| p / scale);
-                let found = template.find(&levels[level], start, warp, MAX_STEPS);
+                let plane = pyramid.level(level).ok_or(Reject::Dissimilar)?;
+                let found = template.find(plane, start, warp, MAX_STEPS);
                 place = found.ok_or(Reject::Dissimilar)?.at.map(|p| p * scale);
             }
-            let found = corner.fine.find(&levels[0], place, warp, MAX_STEPS);
+            let found = corner.fine.find(pyramid.finest(), place, warp, MAX_STEPS);
             let found = found.ok_or(Reject::Dissimilar)?.checked(self.settings)?;
             zncc += found.zncc / (geometry.cameras() - 1) as f32;
             pixels[k] = found.at.map(f64::from);

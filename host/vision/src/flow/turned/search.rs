@@ -4,7 +4,7 @@ use crate::flow::keyframe::ActiveKeyframe;
 use crate::flow::temporal::TemporalMatcher;
 use crate::flow::{Flow, FlowRefusal};
 use crate::matching::geometry::RigGeometry;
-use crate::matching::pyramid::Pyramid;
+use crate::matching::pyramid::FramePyramid;
 use crate::matching::zncc::ZnccPlane;
 use trinocular_core::estimate::pose::Estimate;
 
@@ -56,7 +56,7 @@ impl Flow {
                 now: &now,
                 ..*matcher
             };
-            let coarse = ZnccPlane::new(&now[reference].levels[level]);
+            let coarse = ZnccPlane::new(&now[reference].coarse()[level - 1]);
             let search = self.search(keyframe, &coarse);
             match self.rough_displacement(keyframe, &matcher, &search) {
                 Ok(moved) => {
@@ -93,16 +93,11 @@ pub(super) fn turned_pixel(geometry: &RigGeometry, pixel: [f64; 2], radians: f64
 
 /// Returns the pyramid of the reference camera, turned back about its axis. Places that the image
 /// does not show are as its border.
-fn turned_back(geometry: &RigGeometry, pyramid: &Pyramid, radians: f64) -> Pyramid {
+fn turned_back(geometry: &RigGeometry, pyramid: &FramePyramid, radians: f64) -> FramePyramid {
     let mut turned = pyramid.clone();
     // Displacements are not searched at full resolution.
-    for (level, (plane, from)) in turned
-        .levels
-        .iter_mut()
-        .zip(&pyramid.levels)
-        .enumerate()
-        .skip(1)
-    {
+    let planes = turned.coarse_mut().iter_mut().zip(pyramid.coarse());
+    for (level, (plane, from)) in (1..).zip(planes) {
         let scale = f64::from(1u32 << level);
         for row in 0..from.height {
             for column in 0..from.width {

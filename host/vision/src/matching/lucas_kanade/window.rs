@@ -7,6 +7,7 @@
 use std::hint::black_box;
 
 use super::super::pyramid::Plane;
+use super::source::{Rows, WindowSource};
 
 /// Number of partial sums: one vector.
 const LANES: usize = 8;
@@ -16,29 +17,31 @@ pub type Grid<const N: usize, const W: usize> = [[f32; W]; N];
 
 /// Place of a window in a plane.
 pub struct Window<'a, const N: usize, const W: usize> {
-    plane: &'a Plane,
-    start: usize,
+    rows: Rows<'a>,
     fraction: [f32; 2],
 }
 
 impl<'a, const N: usize, const W: usize> Window<'a, N, W> {
     /// Creates the window around `at`, which must fit ([`super::Template::fits`]).
     #[inline(always)]
-    pub fn around(plane: &'a Plane, at: [f32; 2]) -> Self {
+    pub fn around<S: WindowSource + 'a>(source: S, part: &'a mut S::Part, at: [f32; 2]) -> Self {
         // Positive, so truncation is the floor.
         let corner = at.map(|a| a as usize);
         let reach = N / 2 + 1;
-        let (left, top) = (corner[0] - reach, corner[1] - reach);
         Self {
-            plane,
-            start: top * plane.stride + left,
+            rows: source.rows(part, corner.map(|c| c - reach), [W + 3, N + 3]),
             fraction: [at[0] - corner[0] as f32, at[1] - corner[1] as f32],
         }
     }
 
     #[inline(always)]
     fn row(&self, r: usize) -> &'a [f32] {
-        &self.plane.grey[self.start + r * self.plane.stride..][..W + 3]
+        let Rows {
+            grey,
+            stride,
+            start,
+        } = self.rows;
+        &grey[start + r * stride..][..W + 3]
     }
 
     /// Reads grey levels and both derivatives of the interpolated image. Columns beyond `N` are
