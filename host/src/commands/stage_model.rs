@@ -60,9 +60,8 @@ impl ModelPath {
         last.map_or(0, |(since_us, _)| since_us.unsigned_abs())
     }
 
-    /// Returns the path of a motion of the real station, with the times of the line's clock, µs.
-    pub fn from(self, anchor: &Anchor) -> impl Iterator<Item = (i64, [f64; 3])> {
-        let start_us = anchor.line_us;
+    /// Returns the path of a motion that begins at `start_us`, with the times of that clock, µs.
+    pub fn from(self, start_us: i64) -> impl Iterator<Item = (i64, [f64; 3])> {
         let points = self.0.into_iter();
         points.map(move |(since_us, at_mm)| (start_us + since_us, at_mm))
     }
@@ -70,6 +69,8 @@ impl ModelPath {
 
 /// Instant at which a command took effect.
 pub struct Anchor {
+    /// The instant on the station's clock, µs.
+    pub station_us: i64,
     /// The instant on the line's clock, µs.
     pub line_us: i64,
     /// Bound of the error of the station's clock, µs.
@@ -85,6 +86,7 @@ impl Anchor {
         let now_us = serial.now_us().saturating_add_signed(lead_us);
         let start_us = instant_of_tick(tick.ok_or_else(unknown)?, now_us);
         Ok(Self {
+            station_us: start_us as i64,
             line_us: start_us as i64 - lead_us,
             bound_us,
         })
