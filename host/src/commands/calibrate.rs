@@ -83,8 +83,8 @@ pub struct CalibrateOptions {
 }
 
 /// Help of `--roi`, where it differs from that of other commands.
-const ROI: &str = "Rectangle in which the board is looked for, px: left, top, width, height; of all \
-                   cameras, or once per camera: left=40,30,200,150";
+const ROI: &str = "Rectangle in which the command looks for the board, px: left, top, width, height; \
+                   of all cameras, or once per camera: left=40,30,200,150";
 const ROI_EFFECT: &str =
     "What lies beyond it, such as another board or a reflection, has no effect.";
 

@@ -14,8 +14,8 @@ use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::cameras::live::{Camera, LiveCameras, Tally};
 
-/// Number of missed, doubled and doubtful images that are told.
-const TOLD: usize = 20;
+/// Number of missed, doubled and doubtful images that a run names.
+const NAMED: usize = 20;
 
 /// Returns the triggers of the cameras, if the rig file has them and a station on a port is there to
 /// give them. `options` are those of free-running cameras, by name, and whether they were given.
@@ -82,8 +82,8 @@ pub fn start(
     let tell_anomaly = move |anomaly: &InputError| {
         number += 1;
         match number {
-            ..TOLD => tell(&of_images, anomaly.to_string()),
-            TOLD => {
+            ..NAMED => tell(&of_images, anomaly.to_string()),
+            NAMED => {
                 let text = format!("{anomaly}; further ones are only counted");
                 tell(&of_images, text);
             }

@@ -27,7 +27,7 @@ pub struct CameraBench {
     cameras: LiveCameras,
     station: StationLink,
     clock: Clock,
-    /// What has happened at the cameras and their triggers, in words.
+    /// Events of the cameras and their triggers, in words.
     told: Receiver<String>,
     news: Vec<String>,
 }

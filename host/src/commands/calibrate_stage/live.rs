@@ -167,7 +167,8 @@ impl StageBench for Live {
             pass.captures.push(self.next()?);
         }
         self.driven.arrive()?;
-        if self.driven.clock_jumps() != jumps_before {
+        // The times of triggers need no comparison of clocks.
+        if self.watch.is_none() && self.driven.clock_jumps() != jumps_before {
             warnings::raise(
                 "the station's clock jumped while the stage moved, because the station or \
                  this computer was held up: the delay may be wrong; run this again",

@@ -59,7 +59,7 @@ impl Timing {
             (Some(_), None, _) | (None, _, true) => Source::Stamps,
             (None, _, false) => Source::Files,
         };
-        let (mut path, mut passings) = (Path::default(), Vec::new());
+        let (mut all, mut passings) = (Vec::<(f64, [f64; 3])>::new(), Vec::new());
         for share in PASSES {
             let to_mm = centre_mm.map(|mm| mm + share * options.reach);
             let Some(pass) = bench.pass(to_mm)? else {
@@ -70,15 +70,21 @@ impl Timing {
                 path: way,
                 captures,
             } = pass;
-            for (time_s, position_mm) in way {
-                path.push(time_s, position_mm);
-            }
+            // The time at rest behind the last pass ends with the next one.
+            let begun_s = way.first().map_or(f64::INFINITY, |(time_s, _)| *time_s);
+            let rest = all.iter().filter(|(time_s, _)| *time_s >= begun_s).count();
+            all.truncate(all.len() - rest);
+            all.extend(way);
             for capture in captures {
                 // An unusable frame set gives no information about the delay either.
                 if let Ok(sample) = watch.look(centre_mm, &capture) {
                     passings.push(Passing::new(capture.time_us as f64 * 1e-6, &sample));
                 }
             }
+        }
+        let mut path = Path::default();
+        for (time_s, position_mm) in all {
+            path.push(time_s, position_mm);
         }
         let delay = match (delay::delay(&passings, &path, &fit.matrix), source) {
             (Err(refusal), Source::Triggers(_)) => {

@@ -34,8 +34,8 @@ pub struct CalibrationSettings {
     /// Largest residual of an image, in multiples of the median image's; images beyond it are
     /// rejected.
     pub outlier: f64,
-    /// Left, top, width and height of the part of each camera's images in which the board is looked
-    /// for, px; `None`, or no entry, for whole images.
+    /// Left, top, width and height of the part of each camera's images to search for the board, px;
+    /// `None`, or no entry, for whole images.
     pub rectangles_px: Vec<Option<[u32; 4]>>,
 }
 
@@ -327,8 +327,8 @@ fn calibrate_camera(
     let image_size_px = looked.size_px.unwrap_or_default();
     let intrinsics = intrinsics::calibrate(&settings.board, image_size_px, found, settings.outlier)
         .map_err(|(refusal, verdicts)| {
-            let searched = rectangle_px
-                .map(|[x, y, w, h]| format!("the board was looked for in --roi {x},{y},{w},{h}"));
+            let searched =
+                rectangle_px.map(|[x, y, w, h]| format!("only --roi {x},{y},{w},{h} was searched"));
             let reasons: Vec<String> = std::iter::once(refusal.to_string())
                 .chain(searched)
                 .chain(by_reason(&files, &verdicts))
