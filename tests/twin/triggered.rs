@@ -286,6 +286,15 @@ fn triggers_time_the_exposure() {
     assert!(!is_triggering(&twin), "the command has ended");
 }
 
+/// A program that only watches cannot trigger through the one that has the port.
+#[test]
+fn page_beside_another_is_refused() {
+    let twin = bench("still");
+    let _page = Page::open(&twin);
+    let words = "serve --cameras twin --rig triggered.toml --listen 127.0.0.1:0";
+    twin.run(words).failed(2, &["has the port", "--control"]);
+}
+
 #[test]
 fn delays_of_triggered_cameras_are_refused() {
     let twin = bench("still");

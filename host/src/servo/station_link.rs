@@ -92,7 +92,7 @@ pub struct Live {
     /// Time from a report's instant until the pins reach its position, µs.
     delay_us: u64,
     /// Triggers of the cameras, whose listener stays on the line.
-    triggering: Option<Triggering>,
+    triggering: Option<Box<Triggering>>,
 }
 
 /// Station that a loop drives.
@@ -195,7 +195,7 @@ impl StationLink {
         observer: Option<Arc<dyn StationObserver>>,
     ) -> Result<(), ServoError> {
         if let Self::Live(live) = self {
-            live.triggering = Some(triggering.clone());
+            live.triggering = Some(Box::new(triggering.clone()));
             self.set_observer(observer);
         }
         match self.serial_mut() {

@@ -120,8 +120,11 @@ impl Triggering {
         Ok(serial.command("trigger", Command::Trigger(self.trigger.settings()))?)
     }
 
-    /// Ends the triggers. Says so if the station does not answer: it then goes on.
+    /// Ends the triggers, after the motion of a stage that this program moves. Says so if the station
+    /// does not answer: it then goes on.
     pub fn end(serial: &mut Serial) {
+        // No wait for the triggers holds up a stop.
+        serial.end_motion();
         let off = Command::Trigger(Settings::OFF);
         let end = HostInstant::now() + END_PATIENCE;
         let (mut sent, mut next) = (Vec::new(), HostInstant::now());
