@@ -1,5 +1,7 @@
 //! `trinocular twin`: a simulated station that other commands connect to.
 
+#[path = "twin/triggered.rs"]
+mod triggered;
 #[path = "twin/view.rs"]
 mod view;
 
@@ -10,7 +12,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use trinocular_client::stage::default_stage;
-use trinocular_rig::rig_file::{RigFile, Trigger};
+use trinocular_rig::rig_file::RigFile;
 use trinocular_tests::binary::{Outcome, interrupt, signal, suspend, trinocular};
 
 /// A heartbeat timeout that a busy test machine does not exceed.
@@ -279,93 +281,6 @@ fn simulated_cameras_follow_target() {
         .and_then(|rest| rest.split(' ').next());
     let pins_mm: f64 = pins_mm.and_then(|x| x.parse().ok()).expect("a position");
     assert!((pins_mm - moved_mm).abs() < 10.0, "{pins_mm}");
-}
-
-/// Starts to track with cameras that the station triggers ten times per second.
-fn track_triggered(twin: &Twin) -> Child {
-    let mut rig = RigFile::paper();
-    rig.stage = Some(default_stage());
-    rig.trigger = Some(Trigger {
-        rate_hz: 10,
-        pulse_us: 2_000,
-        active_low: false,
-        exposure_us: 0,
-    });
-    let path = twin.folder.path().join("triggered.toml");
-    std::fs::write(path, rig.to_toml()).expect("it is ours");
-    let words = format!(
-        "track --cameras twin --rig triggered.toml --json --seconds 12 --port {} {}",
-        twin.port,
-        HEARTBEAT.join(" ")
-    );
-    let mut track = trinocular();
-    let track = track
-        .args(words.split_whitespace())
-        .current_dir(twin.folder.path())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped());
-    track.spawn().expect("it runs")
-}
-
-/// Calls `at_row` with the number of each row until `track` ends well; returns what it printed.
-/// Every time must be a trigger's: to the microsecond, which no comparison of clocks would give.
-fn times_of_triggers(mut track: Child, mut at_row: impl FnMut(usize)) -> String {
-    let rows = BufReader::new(track.stdout.take().expect("it is piped")).lines();
-    let mut times_s = Vec::new();
-    for (n, row) in rows.enumerate() {
-        let row: Value = serde_json::from_str(&row.expect("UTF-8")).expect("JSON");
-        times_s.push(row["time_s"].as_f64().expect("a number"));
-        at_row(n);
-    }
-    let text = std::io::read_to_string(track.stderr.take().expect("it is piped")).expect("UTF-8");
-    assert_eq!(track.wait().expect("it ends").code(), Some(0), "{text}");
-    assert!(times_s.len() > 20, "{text}");
-    for time_s in times_s {
-        let periods = time_s * 10.0;
-        assert!((periods - periods.round()).abs() < 2e-5, "{time_s}");
-    }
-    text
-}
-
-/// The station triggers the simulated cameras: every capture time is a trigger's, and an image that
-/// is lost and one that comes twice are named.
-#[test]
-fn missed_and_doubled_images_are_named() {
-    let mut twin = bench("line");
-    let track = track_triggered(&twin);
-    let text = times_of_triggers(track, |n| match n {
-        5 => twin.order("miss"),
-        15 => twin.order("double"),
-        _ => {}
-    });
-    for part in [
-        "camera 0: no image of trigger ",
-        "camera 0: a second image of trigger ",
-        " triggers missed, 1 images doubled",
-    ] {
-        assert!(text.contains(part), "{part}: {text}");
-    }
-    let refused = twin.run(&format!(
-        "track --cameras twin --rig triggered.toml --delay 4 {}",
-        HEARTBEAT.join(" ")
-    ));
-    refused.failed(2, &["--delay", "[trigger]"]);
-}
-
-/// The time of the simulated station and its target stands still now and then, for up to some
-/// periods, as on a busy computer. Images once had the time of a later trigger from then on, which
-/// ended in a fault of unstable following.
-#[test]
-fn station_that_stands_still_is_followed() {
-    let twin = bench("line");
-    let track = track_triggered(&twin);
-    times_of_triggers(track, |n| {
-        if n % 6 == 3 {
-            suspend(&twin.program);
-            std::thread::sleep(Duration::from_millis([80, 130, 180, 270][n / 6 % 4]));
-            signal(&twin.program, "CONT");
-        }
-    });
 }
 
 /// Returns the state of the page at `address`.

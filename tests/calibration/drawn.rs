@@ -1,6 +1,7 @@
 //! Drawn boards in front of a known rig: calibration, rig file and displacement.
 
 use std::fs;
+use std::path::Path;
 
 use serde_json::Value;
 use trinocular_core::rig::Rig;
@@ -8,7 +9,7 @@ use trinocular_rig::rig_file::{RigFile, TRINOCULAR};
 use trinocular_vision::calibration::board::Board;
 use trinocular_vision::calibration::find::{NotFound, find};
 use trinocular_vision::images::folder::{save, write};
-use trinocular_vision::images::{Scene, SceneSettings, Texture};
+use trinocular_vision::images::{Image, Scene, SceneSettings, Texture};
 
 use super::boards::{CORNERS, Eye, Pose, SQUARE_MM, crooked_rig, photograph};
 use super::{numbers, run};
@@ -105,7 +106,7 @@ fn assert_true(value: &Value, key: &str, sigma: &str, truth: &[f64]) {
 
 /// Renders a moving poster with the true rig and checks its displacement measured with the
 /// calibrated rig.
-fn assert_measures(desk: &std::path::Path, rig: &Rig, rig_file: &str) {
+fn assert_measures(desk: &Path, rig: &Rig, rig_file: &str) {
     let moves: [[f64; 3]; 4] = [
         [0.0; 3],
         [4.0, 4.0, 1.0],
@@ -329,6 +330,80 @@ fn repeated_images_are_rejected() {
         "{}",
         outcome.stderr
     );
+}
+
+/// Writes images of the board in a larger image, into whose other half `beside` puts an image of the
+/// board at another instant; returns the rectangle of the first.
+fn photograph_two(dir: &Path, beside: bool) -> [usize; 4] {
+    let rig = crooked_rig();
+    let [w, h] = rig.image_size_px.map(|side| side as usize);
+    let (left, top) = (w + 6, 4);
+    fs::create_dir_all(dir).expect("made");
+    for number in 0..9 {
+        let view = |number: u64| {
+            let eye = Eye::new(&rig.cameras[0], rig.image_size_px);
+            eye.view(&Pose::number(number), number)
+        };
+        let other = beside.then(|| (view((number + 1) % 9), 0, 0));
+        let (width, height) = (left + w, top + h);
+        let mut grey = vec![128; width * height];
+        for (image, x, y) in other.into_iter().chain([(view(number), left, top)]) {
+            for (row, pixels) in image.grey.chunks(w).enumerate() {
+                let from = (y + row) * width + x;
+                grey[from..from + w].copy_from_slice(pixels);
+            }
+        }
+        let image = Image {
+            width,
+            height,
+            grey,
+        };
+        write(&dir.join(format!("{number:02}.png")), &image).expect("written");
+    }
+    [left, top, w, h]
+}
+
+#[test]
+fn board_beyond_the_rectangle_is_ignored() {
+    let desk = tempfile::tempdir().expect("a temporary folder");
+    let [x, y, w, h] = photograph_two(&desk.path().join("alone/left"), false);
+    photograph_two(&desk.path().join("both/left"), true);
+    let calibrate = |folder: &str, roi: &[&str]| {
+        let words = [
+            "calibrate",
+            folder,
+            "--board",
+            "9x6",
+            "--square",
+            "18",
+            "--json",
+        ];
+        run(desk.path(), &[&words[..], roi].concat())
+    };
+    let roi = format!("{x},{y},{w},{h}");
+    let alone = calibrate("alone", &["--roi", &roi]);
+    let both = calibrate("both", &["--roi", &roi]);
+    assert_eq!(alone.good_json(), both.good_json());
+    let whole = calibrate("alone", &[]);
+    let [whole, part] = [&whole.good_json()[0], &alone.good_json()[0]];
+    for (key, sigma) in [
+        ("focal_px", "focal_sigma_px"),
+        ("principal_px", "principal_sigma_px"),
+    ] {
+        let sigmas = numbers(whole, sigma);
+        let pairs = numbers(whole, key).into_iter().zip(numbers(part, key));
+        for ((one, other), sigma) in pairs.zip(sigmas) {
+            assert!((one - other).abs() < 0.5 * sigma, "{key}: {one} {other}");
+        }
+    }
+    let mixed = calibrate("both", &[]);
+    assert_ne!(mixed.stdout, both.stdout, "the other board matters");
+    let none = calibrate("both", &["--roi", "left=0,0,80,60"]);
+    none.failed_after_notes(1, &["`left`", "--roi 0,0,80,60", "0 of 9 images"]);
+    let beyond = calibrate("both", &["--roi", "0,0,8000,60"]);
+    beyond.failed_after_notes(1, &["`left`", "--roi 0,0,8000,60 reaches beyond the image"]);
+    let absent = calibrate("both", &["--roi", "middle=0,0,80,60"]);
+    absent.failed(2, &["--roi middle", "the cameras are left"]);
 }
 
 #[test]

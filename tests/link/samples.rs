@@ -138,6 +138,7 @@ pub fn commands() -> Vec<(&'static str, Command)> {
                 rate_hz: 120,
                 pulse_us: 2_000,
                 active_low: true,
+                quiet_us: 0,
             }),
         ),
     ]

@@ -179,6 +179,7 @@ impl Run {
             cameras: rig.names.clone(),
             epoch_us: 0,
             rig: rig.to_toml(),
+            regions: Default::default(),
             origin: BTreeMap::from([("program".to_owned(), "trinocular".to_owned())]),
         };
         let recorder = Recorder::start(output, settings).expect("it begins");

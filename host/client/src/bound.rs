@@ -84,6 +84,7 @@ const fn rig_field(setting: Setting) -> (&'static str, f64, bool) {
         Setting::Unseen => ("largest_unseen_mm", 1e3, false),
         Setting::TriggerRate => ("trigger.rate_hz", 1.0, false),
         Setting::TriggerPulse => ("trigger.pulse_us", 1.0, false),
+        Setting::TriggerQuiet => ("trigger.quiet_us", 1.0, false),
     }
 }
 

@@ -254,7 +254,7 @@ pub const fn remedy(denial: Denial) -> Option<&'static str> {
         }
         Denial::CauseRemains => "release the emergency stop, or see to the driver, then again",
         Denial::Config(ConfigField::Value {
-            setting: Setting::TriggerRate | Setting::TriggerPulse,
+            setting: Setting::TriggerRate | Setting::TriggerPulse | Setting::TriggerQuiet,
             ..
         }) => "correct the [trigger] of the rig file",
         Denial::Config(_) => "correct the [stage] of the rig file",

@@ -273,6 +273,11 @@ impl Serial {
         self.shared.line().send(command)
     }
 
+    /// Sends hello again: a station that has restarted takes no command before it.
+    pub fn greet(&self) {
+        self.shared.line().greet();
+    }
+
     /// Takes the station's answer to a sent command, if it has come.
     pub fn answer(&mut self, sequence: u16) -> Option<Result<(), Denial>> {
         let mut line = self.shared.line();

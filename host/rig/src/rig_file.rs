@@ -25,8 +25,8 @@
 //! need not be exactly parallel.
 //!
 //! Unknown, missing and impossible fields are refused with file, line and name of the field. Only
-//! distortion, rotations, pivot, the trigger's polarity and exposure, and the fields of [`Capture`]
-//! and [`Care`] have defaults, because a stage with a guessed rig may run away.
+//! distortion, rotations, pivot, the trigger's polarity, exposure and wait, and the fields of
+//! [`Capture`] and [`Care`] have defaults, because a stage with a guessed rig may run away.
 //!
 //! *Invariant:* a `RigFile` from [`RigFile::read`] or [`RigFile::parse`] obeys every rule stated on
 //! its fields, and cameras named left, middle and right stand in this order.

@@ -146,6 +146,11 @@ impl Hand {
         &self.serial
     }
 
+    /// Returns the connection to the station for changes.
+    pub fn serial_mut(&mut self) -> &mut Serial {
+        &mut self.serial
+    }
+
     /// Returns the path of the port.
     pub fn port(&self) -> &str {
         &self.port

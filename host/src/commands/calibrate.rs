@@ -23,6 +23,7 @@ use super::destination::Destination;
 use super::folder_input::PairOption;
 use super::json;
 use super::progress::Progress;
+use super::region::RoiOption;
 
 /// Calibrate cameras and rig from photographs of a chessboard
 ///
@@ -36,6 +37,7 @@ use super::progress::Progress;
 /// colours distinguish its two ends.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
+#[command(mut_arg("roi", |roi| roi.help(ROI).long_help(format!("{ROI}\n\n{ROI_EFFECT}"))))]
 pub struct CalibrateOptions {
     /// The photographs: a subfolder per camera, equal file names for images of the same instant
     ///
@@ -59,6 +61,9 @@ pub struct CalibrateOptions {
     square: f64,
 
     #[command(flatten)]
+    roi: RoiOption,
+
+    #[command(flatten)]
     destination: Destination,
 
     /// Reject images whose residual is larger than this many times the median image's
@@ -77,6 +82,12 @@ pub struct CalibrateOptions {
     json: bool,
 }
 
+/// Help of `--roi`, where it differs from that of other commands.
+const ROI: &str = "Rectangle in which the command looks for the board, px: left, top, width, height; \
+                   of all cameras, or once per camera: left=40,30,200,150";
+const ROI_EFFECT: &str =
+    "What lies beyond it, such as another board or a reflection, has no effect.";
+
 const EXAMPLES: &str = "\
 Residuals are root mean square distances of corners from where they should be. A camera's offset \
 is right, down and forward of the origin, the middle or first camera, in mm; its rotation is axis \
@@ -90,6 +101,7 @@ paper's rig that is 0.64 mm. The midpoint takes any.
 
 Examples:
   trinocular calibrate boards/ --board 9x6 --square 25 --out rig.toml
+  trinocular calibrate boards/ --board 9x6 --square 25 --roi 0,40,640,400 --out rig.toml
   trinocular calibrate boards/ --board 9x6 --square 25 --ros camera_info/ --json";
 
 /// Reason why a text is not the number that an option takes.
@@ -127,6 +139,7 @@ pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failu
     super::folder_input::say(photographs.pairing.as_deref());
     let names = photographs.series.iter();
     let names: Vec<String> = names.map(|series| series.name.clone()).collect();
+    let rectangles_px = options.roi.rectangles_px(&names)?;
     let destination = options.destination.open(&names)?;
     if let Some(doubt) = doubt_square(options.square) {
         super::warnings::raise(doubt);
@@ -138,6 +151,7 @@ pub fn run(options: &CalibrateOptions, out: &mut impl Write) -> Result<(), Failu
     let settings = CalibrationSettings {
         half_window: options.window.map(usize::from),
         outlier: options.outlier,
+        rectangles_px,
         ..CalibrationSettings::new(board)
     };
     let mut progress = Progress::new("looking for the board");

@@ -4,9 +4,11 @@
 mod live;
 mod real;
 mod simulated;
+mod timing;
 
 use std::io::Write;
 use std::path::PathBuf;
+use timing::Timing;
 
 use super::by_hand::{AxisName, StageArgument};
 use super::driven::{Driven, within_travel};
@@ -18,7 +20,6 @@ use trinocular::report::{Cell, Table};
 use trinocular_rig::notice;
 use trinocular_rig::output::{Output, Replace};
 use trinocular_rig::rig_file::{RigFile, Stage};
-use trinocular_vision::hand_eye::delay::{Delay, Passing, Path, delay};
 use trinocular_vision::hand_eye::fit::{Fit, Sample, fit};
 use trinocular_vision::hand_eye::plan::{FARTHEST, Stop, stops};
 use trinocular_vision::hand_eye::rewrite::with_matrix;
@@ -36,6 +37,10 @@ use trinocular_vision::images::FrameSet;
 /// The stage then passes the target, and the command measures the delay of the cameras' time
 /// stamps, for `track --delay`, or what is left of it beyond the rig file's `delay_ms`; not with
 /// --images, which have none. `latency` measures the delay of each camera.
+///
+/// With [trigger] in the rig file the station triggers the --cameras. There is no delay then; the
+/// command measures the time from the trigger to the middle of the exposure, and warns of an
+/// `exposure_us` that does not fit.
 ///
 /// With --port the station must know its position (`home` or `zero`). The images come from live
 /// --cameras, or the operator puts a frame set into --images at every stop, when the program asks
@@ -153,9 +158,6 @@ Examples:
   trinocular calibrate-stage --port auto --rig rig.toml --cameras /dev/video0,/dev/video2
   trinocular calibrate-stage --port auto --rig rig.toml --images captures/ --out rig.toml --force";
 
-/// Ends of the stage's passes while images are taken, as shares of the reach.
-const PASSES: [f64; 4] = [-0.6, 0.6, -0.6, 0.0];
-
 /// A stage that can move, and cameras on it.
 trait StageBench {
     /// Returns the position of the stage, mm from zero.
@@ -220,19 +222,23 @@ pub fn run(options: &CalibrateStageOptions, out: &mut impl Write) -> Result<(), 
             }
         }
     };
-    let (samples, fit, delay) = measure(options, &rig, &stage, bench.as_mut())?;
+    let (samples, fit, timing) = measure(options, &rig, &stage, bench.as_mut())?;
     if let Some(to) = &options.out {
         let text = with_matrix(path, &text, &fit.matrix)?;
         Output::open_successor(to, Replace::Anything, path)?.write(&text)?;
     }
     if options.json {
-        let object = json!({"fit": fit, "delay": delay, "samples": samples});
+        let delay = timing.as_ref().and_then(Timing::delay);
+        let mut object = json!({"fit": fit, "delay": delay, "samples": samples});
+        if let Some((file_ms, middle_ms)) = timing.as_ref().and_then(Timing::middle_ms) {
+            object["trigger"] = json!({"middle_ms": middle_ms, "file_ms": file_ms});
+        }
         super::json::line(out, &object)?;
     } else {
         print(options, &samples, &fit, &stage, out)?;
-        let is_corrected =
-            options.cameras.is_some() && rig.capture.iter().any(|it| it.delay_ms.is_some());
-        print_delay(delay.as_ref(), is_corrected, out)?;
+        if let Some(timing) = timing {
+            timing.print(out)?;
+        }
     }
     Ok(())
 }
@@ -242,7 +248,7 @@ fn measure(
     rig: &RigFile,
     stage: &Stage,
     bench: &mut dyn StageBench,
-) -> Result<(Vec<Sample>, Fit, Option<Delay>), Failure> {
+) -> Result<(Vec<Sample>, Fit, Option<Timing>), Failure> {
     let centre_mm = bench.position_mm()?;
     within_travel(stage, centre_mm, [FARTHEST * options.reach; 3])?;
     let stops = stops(centre_mm, options.reach);
@@ -269,69 +275,9 @@ fn measure(
     }
     // The keyframe is no sample: all others are measured against it.
     let fit = fit(&samples, looks - 1).map_err(|refusal| Failure::Images(refusal.to_string()))?;
-    let delay = match &mut watch {
-        Some(watch) => measure_delay(options, bench, watch, centre_mm, &fit)?,
-        None => None,
-    };
-    Ok((samples, fit, delay))
-}
-
-/// Moves the stage past the target and compares the measured displacements with its path.
-fn measure_delay(
-    options: &CalibrateStageOptions,
-    bench: &mut dyn StageBench,
-    watch: &mut Watch,
-    centre_mm: [f64; 3],
-    fit: &Fit,
-) -> Result<Option<Delay>, Failure> {
-    let (mut path, mut passings) = (Path::default(), Vec::new());
-    for share in PASSES {
-        let to_mm = centre_mm.map(|mm| mm + share * options.reach);
-        let Some(pass) = bench.pass(to_mm)? else {
-            return Ok(None);
-        };
-        for (time_s, position_mm) in pass.path {
-            path.push(time_s, position_mm);
-        }
-        for capture in pass.captures {
-            // An unusable frame set gives no information about the delay either.
-            if let Ok(sample) = watch.look(centre_mm, &capture) {
-                passings.push(Passing::new(capture.time_us as f64 * 1e-6, &sample));
-            }
-        }
-    }
-    let found = delay(&passings, &path, &fit.matrix);
-    found
-        .map(Some)
-        .map_err(|refusal| Failure::Images(refusal.to_string()))
-}
-
-/// Prints the delay. `is_corrected` is true if the rig file's delays have been taken off.
-fn print_delay(
-    delay: Option<&Delay>,
-    is_corrected: bool,
-    out: &mut impl Write,
-) -> Result<(), Failure> {
-    match delay {
-        Some(delay) if is_corrected => writeln!(
-            out,
-            "{:>16}: {:.2} ms ± {:.2} beyond the rig file's `delay_ms`, from {} images of the \
-             moving stage; `trinocular latency` measures each camera's",
-            "cameras' delay", delay.delay_ms, delay.sigma_ms, delay.pictures
-        )?,
-        Some(delay) => writeln!(
-            out,
-            "{:>16}: {:.2} ms ± {:.2}, from {} images of the moving stage: use \
-             `track --delay {:.1}`",
-            "cameras' delay", delay.delay_ms, delay.sigma_ms, delay.pictures, delay.delay_ms
-        )?,
-        None => writeln!(
-            out,
-            "{:>16}: not measured: the images of --images have no time stamps",
-            "cameras' delay"
-        )?,
-    }
-    Ok(())
+    let timing = |watch| Timing::measure(options, rig, bench, watch, centre_mm, &fit);
+    let timing = watch.as_mut().map(timing).transpose()?;
+    Ok((samples, fit, timing))
 }
 
 fn print(

@@ -3,6 +3,7 @@
 use super::by_hand::{Hand, PortArgument, StageArgument, why_it_stands};
 use crate::commands::failure::Failure;
 use trinocular_client::allowance::Allowance;
+use trinocular_client::serial::Serial;
 use trinocular_client::stage::setpoint;
 use trinocular_rig::rig_file::Stage;
 
@@ -45,6 +46,11 @@ impl Driven {
     pub fn begin(&mut self, position_mm: [f64; 3]) -> Result<Option<u32>, Failure> {
         self.send(position_mm)?;
         Ok(self.hand.serial().client().answered_tick())
+    }
+
+    /// Returns the connection to the station for changes.
+    pub fn serial_mut(&mut self) -> &mut Serial {
+        self.hand.serial_mut()
     }
 
     /// Returns how often the station's clock has jumped against this computer's.

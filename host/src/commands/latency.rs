@@ -16,6 +16,7 @@ use observed::Observed;
 use outcome::Outcome;
 use std::io::Write;
 use std::path::PathBuf;
+use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, Replace};
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::mistake::explain_keyframe;
@@ -35,6 +36,9 @@ use trinocular_vision::images::{FrameSet, Image};
 /// The command warns of a delay that is not that of the rig file, and of cameras that are not
 /// exposed together. With --out it writes the delays as `delay_ms` of the cameras; `track`, `serve`
 /// and `calibrate-stage` then use them.
+///
+/// Cameras that the station triggers (`[trigger]` in the rig file) have no delay to measure: it
+/// refuses them.
 ///
 /// It refuses a delay that differs between passes, as on a computer that is too busy, and images
 /// that move otherwise than the stage.
@@ -118,6 +122,12 @@ Examples:
   trinocular latency --port auto --rig rig.toml --cameras rig --out rig.toml --force
   trinocular latency --port auto --rig rig.toml --cameras /dev/video0,/dev/video2,/dev/video4";
 
+/// Refusal of a rig whose cameras the station triggers.
+const TRIGGERED: &str = "has [trigger], so that there is no delay to measure: the capture time of \
+                         a triggered image is that of its trigger, on the station's own clock, \
+                         whatever its time stamp is; `calibrate-stage` checks `exposure_us`; \
+                         remove [trigger] to measure the delays of cameras that run freely";
+
 /// Axes of the stage that passes go along: two, so that one of them moves the image however the
 /// cameras are mounted.
 const AXES: [usize; 2] = [0, 1];
@@ -162,6 +172,9 @@ pub fn run(options: &LatencyOptions, out: &mut impl Write) -> Result<(), Failure
     range::check("fps", options.fps, 5.0, 200.0)?;
     let path = options.stage.path()?;
     let (rig, text) = RigFile::read_with_text(path)?;
+    if rig.trigger.is_some() {
+        return Err(InputError::file(path, TRIGGERED).into());
+    }
     super::warnings::rig(path, &rig);
     let stage = options.stage.stage_of(&rig)?;
     if let Some(to) = &options.out {

@@ -35,6 +35,7 @@ mod jog;
 mod json;
 mod latency;
 mod list_cameras;
+mod live_cameras;
 mod live_page;
 mod man;
 mod motors;

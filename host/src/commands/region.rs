@@ -1,4 +1,4 @@
-//! `--roi` and `--mask`: the parts of the images in which points may be.
+//! `--roi` and `--mask`: the parts of the images that are used.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -9,17 +9,25 @@ use crate::commands::failure::Failure;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::region::{Region, Regions, USED};
+use trinocular_vision::images::rectangle::beyond;
 use trinocular_vision::images::{Image, folder};
 
-/// Parts of the images in which points may be.
+/// Rectangles in the images.
 #[derive(Clone, Debug, Args)]
-pub struct RegionOption {
+pub struct RoiOption {
     /// Rectangle in which points are chosen at the keyframe, px: left, top, width, height; of all
     /// cameras, or once per camera: left=40,30,200,150
     ///
     /// The points are followed beyond it.
     #[arg(long, value_name = "[CAMERA=]X,Y,W,H", value_parser = roi)]
     roi: Vec<(Option<String>, [u32; 4])>,
+}
+
+/// Parts of the images in which points may be.
+#[derive(Clone, Debug, Args)]
+pub struct RegionOption {
+    #[command(flatten)]
+    roi: RoiOption,
 
     /// Image of the cameras' size whose dark pixels (below 128 of 255) are never used; of all
     /// cameras, or once per camera: left=left-mask.png
@@ -70,48 +78,58 @@ fn dark(mask: &Image) -> Option<String> {
     })
 }
 
-impl RegionOption {
-    /// Returns the regions of the rig's cameras. A region of one camera replaces that of all.
-    pub fn regions(&self, rig: &RigFile) -> Result<Regions, Failure> {
-        if self.roi.is_empty() && self.mask.is_empty() {
-            return Ok(Regions::default());
-        }
-        let mut regions = vec![Region::default(); rig.names.len()];
-        let [width, height] = rig.rig.image_size_px;
-        let chosen = |camera: &Option<String>, option: &str| match camera {
-            None => Ok((0..rig.names.len()).collect::<Vec<_>>()),
-            Some(camera) => {
-                let index = rig.names.iter().position(|name| name == camera);
-                index.map(|index| vec![index]).ok_or_else(|| {
-                    let names = rig.names.join(", ");
-                    Failure::Usage(format!(
-                        "--{option} {camera}: the rig's cameras are {names}"
-                    ))
-                })
-            }
-        };
+/// Returns the indices of the cameras that an option is for: all, or the one that it names.
+fn chosen(camera: Option<&str>, option: &str, names: &[String]) -> Result<Vec<usize>, Failure> {
+    let Some(camera) = camera else {
+        return Ok((0..names.len()).collect());
+    };
+    let index = names.iter().position(|name| name == camera);
+    index.map(|index| vec![index]).ok_or_else(|| {
+        let names = names.join(", ");
+        Failure::Usage(format!("--{option} {camera}: the cameras are {names}"))
+    })
+}
+
+impl RoiOption {
+    /// Returns the rectangle of each camera: left, top, width and height, px. That of one camera
+    /// replaces that of all.
+    pub fn rectangles_px(&self, names: &[String]) -> Result<Vec<Option<[u32; 4]>>, Failure> {
+        let mut rectangles_px = vec![None; names.len()];
         // Those of all cameras first.
         let mut rois: Vec<_> = self.roi.iter().collect();
         rois.sort_by_key(|(camera, _)| camera.is_some());
-        for (camera, rectangle) in rois {
-            let [x, y, w, h] = *rectangle;
-            let fits = |at: u32, length: u32, side: u32| {
-                at.checked_add(length).is_some_and(|end| end <= side)
-            };
-            if !(fits(x, w, width) && fits(y, h, height)) {
-                return Err(Failure::Usage(format!(
-                    "--roi {x},{y},{w},{h} reaches beyond the image of {width} x {height} px"
-                )));
-            }
-            for index in chosen(camera, "roi")? {
-                regions[index].rectangle_px = Some(*rectangle);
+        for (camera, rectangle_px) in rois {
+            for index in chosen(camera.as_deref(), "roi", names)? {
+                rectangles_px[index] = Some(*rectangle_px);
             }
         }
+        Ok(rectangles_px)
+    }
+}
+
+impl RegionOption {
+    /// Returns the regions of the rig's cameras. A region of one camera replaces that of all.
+    pub fn regions(&self, rig: &RigFile) -> Result<Regions, Failure> {
+        if self.roi.roi.is_empty() && self.mask.is_empty() {
+            return Ok(Regions::default());
+        }
+        let size_px = rig.rig.image_size_px;
+        let given = self.roi.roi.iter();
+        if let Some(reason) = given.filter_map(|(_, it)| beyond(*it, size_px)).next() {
+            return Err(Failure::Usage(reason));
+        }
+        let rectangles_px = self.roi.rectangles_px(&rig.names)?.into_iter();
+        let mut regions: Vec<Region> = rectangles_px
+            .map(|rectangle_px| Region {
+                rectangle_px,
+                mask: None,
+            })
+            .collect();
         let mut masks: Vec<_> = self.mask.iter().collect();
         masks.sort_by_key(|(camera, _)| camera.is_some());
         for (camera, path) in masks {
-            let indices = chosen(camera, "mask")?;
-            let image = Arc::new(folder::read(path, rig.rig.image_size_px)?);
+            let indices = chosen(camera.as_deref(), "mask", &rig.names)?;
+            let image = Arc::new(folder::read(path, size_px)?);
             if let Some(reason) = dark(&image) {
                 return Err(InputError::file(path, reason).into());
             }
@@ -124,7 +142,10 @@ impl RegionOption {
 
     /// Refuses a region without images: `is_there` tells that there are some, `with` names them.
     pub fn goes_with(&self, is_there: bool, with: &str) -> Result<(), Failure> {
-        let given = [("roi", self.roi.is_empty()), ("mask", self.mask.is_empty())];
+        let given = [
+            ("roi", self.roi.roi.is_empty()),
+            ("mask", self.mask.is_empty()),
+        ];
         match given
             .into_iter()
             .find(|(_, is_empty)| !is_empty && !is_there)

@@ -54,7 +54,8 @@ const SCENE: &str = "Without --cameras: the simulated target";
 const PORT: &str = "Show the station on this port instead of the built-in twin, in real time; \
                     `auto` is the only one on USB, `twin` the one that `trinocular twin` simulates";
 const PORT_CHANGES: &str = "Without --control and --follow nothing at the station is changed: no \
-                            configuration, no reset, no zero. With one of them it is configured; \
+                            configuration, no reset, no zero; it only triggers --cameras with \
+                            [trigger] in the rig file. With one of them it is configured; \
                             a known position, a stop and faults stay as they are, and a position \
                             that was never known becomes zero.";
 const HEARTBEAT: &str = "Heartbeat timeout, ms: the station on --port stops without a ping for \
@@ -118,7 +119,8 @@ pub struct ServeOptions {
     fps: f64,
 
     /// Live cameras, in the order of the rig file's, as for `track`, or `twin` for those of
-    /// `trinocular twin --with-target` on --port; without it they are rendered
+    /// `trinocular twin --with-target` on --port; without it they are rendered. With [trigger] in
+    /// the rig file the station on --port triggers them
     #[arg(
         long,
         value_name = "DEVICE,...",

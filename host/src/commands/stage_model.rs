@@ -14,6 +14,9 @@ use trinocular_core::machine::TICK_US;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::Stage;
 
+/// Time between two points of a path, µs: a whole part of a control tick.
+const POINT_US: u64 = 250;
+
 /// Model of a station and its stage.
 pub struct StageModel(Twin);
 
@@ -34,17 +37,20 @@ impl StageModel {
             .map_err(|error| Failure::of_station(None, error))?;
         let tick = model.client().answered_tick().unwrap_or_default();
         let start_us = u64::from(tick) * TICK_US;
-        let (mut path, mut still_ms) = (Vec::new(), 0);
+        let (mut path, mut still_ms, mut before_mm) = (Vec::new(), 0, None);
         while still_ms < after_ms {
             let at_mm = model.position_mm();
-            let before = path.last().map(|(_, before_mm)| *before_mm);
-            still_ms = if before == Some(at_mm) {
+            still_ms = if before_mm.replace(at_mm) == Some(at_mm) {
                 still_ms + 1
             } else {
                 0
             };
-            path.push((model.now().micros() as i64 - start_us as i64, at_mm));
-            model.advance(model.now().plus_micros(TICK_US));
+            // Steps lie between ticks.
+            for _ in 0..TICK_US / POINT_US {
+                let since_us = model.now().micros() as i64 - start_us as i64;
+                path.push((since_us, model.position_mm()));
+                model.advance(model.now().plus_micros(POINT_US));
+            }
         }
         Ok(ModelPath(path))
     }
@@ -60,9 +66,8 @@ impl ModelPath {
         last.map_or(0, |(since_us, _)| since_us.unsigned_abs())
     }
 
-    /// Returns the path of a motion of the real station, with the times of the line's clock, µs.
-    pub fn from(self, anchor: &Anchor) -> impl Iterator<Item = (i64, [f64; 3])> {
-        let start_us = anchor.line_us;
+    /// Returns the path of a motion that begins at `start_us`, with the times of that clock, µs.
+    pub fn from(self, start_us: i64) -> impl Iterator<Item = (i64, [f64; 3])> {
         let points = self.0.into_iter();
         points.map(move |(since_us, at_mm)| (start_us + since_us, at_mm))
     }
@@ -70,6 +75,8 @@ impl ModelPath {
 
 /// Instant at which a command took effect.
 pub struct Anchor {
+    /// The instant on the station's clock, µs.
+    pub station_us: i64,
     /// The instant on the line's clock, µs.
     pub line_us: i64,
     /// Bound of the error of the station's clock, µs.
@@ -85,6 +92,7 @@ impl Anchor {
         let now_us = serial.now_us().saturating_add_signed(lead_us);
         let start_us = instant_of_tick(tick.ok_or_else(unknown)?, now_us);
         Ok(Self {
+            station_us: start_us as i64,
             line_us: start_us as i64 - lead_us,
             bound_us,
         })

@@ -4,12 +4,10 @@ use super::ServoError;
 use super::observer::ServoObserver;
 use super::station_link::StationLink;
 use super::visual_servo::{ServoStep, VisualServo};
-use super::workbench::{Bench, Shot};
 use trinocular_client::StationError;
 use trinocular_core::frame::message::Command;
 use trinocular_core::rig::Rig;
 use trinocular_core::time::Instant;
-use trinocular_rig::error::InputError;
 use trinocular_rig::pivot::Pivot;
 use trinocular_vision::flow::region::Regions;
 use trinocular_vision::images::FrameSet;
@@ -37,42 +35,6 @@ pub enum CaptureClock {
     },
     /// The station triggers the cameras, and the capture times are on its clock.
     Station,
-}
-
-/// Frame sets from outside for a [workbench](super::workbench).
-#[derive(Debug)]
-pub struct CameraBench<I> {
-    captures: I,
-    station: StationLink,
-    /// The link's clock minus that of the capture times, µs.
-    offset_us: i64,
-}
-
-impl<I: Iterator<Item = Result<FrameSet, InputError>>> CameraBench<I> {
-    /// Makes a bench around a station that has been started. `offset_us` is the link's clock minus
-    /// that of the capture times.
-    pub fn new(captures: I, station: StationLink, offset_us: i64) -> Self {
-        Self {
-            captures,
-            station,
-            offset_us,
-        }
-    }
-}
-
-impl<I: Iterator<Item = Result<FrameSet, InputError>>> Bench for CameraBench<I> {
-    fn next_shot(&mut self) -> Result<Option<Shot>, ServoError> {
-        let Some(images) = self.captures.next().transpose()? else {
-            return Ok(None);
-        };
-        let here = Instant::from_micros(images.time_us.saturating_add_signed(self.offset_us));
-        let taken = self.station.station_time(here)?;
-        Ok(Some(Shot { images, taken }))
-    }
-
-    fn station(&mut self) -> &mut StationLink {
-        &mut self.station
-    }
 }
 
 /// One turn of the loop.

@@ -10,15 +10,17 @@
 //! * [`frame_sets`]: frame sets from outside: live cameras, recorded images, a folder that grows;
 //! * [`simulated`]: simulated cameras before the poster of a [`world`], which a [`path`] moves;
 //! * [`station_link`]: the station, in this process or on a serial line; [`serial_station`]: frames
-//!   for the latter; [`triggering`]: cameras that it triggers;
+//!   for the latter; [`triggering`]: cameras that it triggers, with their [`trigger_listener`];
 //! * [`observer`]: what sees every turn of the loop and has no part in it: [`live`] shows it on a
 //!   page, [`recording`] records it;
 //! * [`workbench`]: the loop behind a live page, which also jogs, zeroes, homes and resets;
-//!   [`simulated_bench`] has its rendered cameras. [`stop_answer`] answers the STOP of a page.
+//!   [`camera_bench`] has its live cameras, [`simulated_bench`] its rendered ones. [`stop_answer`]
+//!   answers the STOP of a page.
 //!
 //! A [scenario](crate::scenario) takes the same loop apart, because it has several frames under
 //! way at once.
 
+pub mod camera_bench;
 pub mod frame_sets;
 pub mod live;
 pub mod observer;
@@ -30,6 +32,7 @@ pub mod simulated;
 pub mod simulated_bench;
 pub mod station_link;
 pub mod stop_answer;
+pub mod trigger_listener;
 pub mod triggering;
 pub mod visual_servo;
 pub mod workbench;

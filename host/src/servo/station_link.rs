@@ -6,8 +6,10 @@
 //! report names a position, and the images are taken at the instant, in the station's own time, at
 //! which the pins stand there. Positions are neither interpolated nor guessed.
 
+use super::ServoError;
 use super::serial_station;
 pub use super::serial_station::FrameRefusal;
+use super::triggering::Triggering;
 use std::sync::Arc;
 use std::thread::sleep;
 use std::time::{Duration, Instant as HostInstant};
@@ -20,7 +22,7 @@ use trinocular_core::frame::message::{Command, EstimateReport, Frame, Mounting, 
 use trinocular_core::safety::Trust;
 use trinocular_core::time::Instant;
 use trinocular_rig::notice;
-use trinocular_rig::rig_file::Stage;
+use trinocular_rig::rig_file::{Stage, Trigger};
 
 /// Timeout for a report: thirty come in that time, and the client notices and reconnects a silent
 /// line earlier.
@@ -89,6 +91,8 @@ pub struct Live {
     steps_per_mm: [f64; 3],
     /// Time from a report's instant until the pins reach its position, µs.
     delay_us: u64,
+    /// Triggers of the cameras, whose listener stays on the line.
+    triggering: Option<Box<Triggering>>,
 }
 
 /// Station that a loop drives.
@@ -164,6 +168,7 @@ impl StationLink {
             serial,
             steps_per_mm: stage.steps_per_mm,
             delay_us,
+            triggering: None,
         })
     }
 
@@ -171,7 +176,48 @@ impl StationLink {
     /// virtual time keeps its first observer.
     pub fn set_observer(&mut self, observer: Option<Arc<dyn StationObserver>>) {
         if let Self::Live(live) = self {
+            let observer = match &live.triggering {
+                Some(triggering) => Some(triggering.listener(observer)),
+                None => observer,
+            };
             live.serial.set_observer(observer);
+        }
+    }
+
+    /// Starts the triggers of the cameras, and listens to their reports from now on; `observer` sees
+    /// every byte as before. Does nothing with a twin in virtual time.
+    ///
+    /// # Errors
+    /// As [`Triggering::start`].
+    pub fn trigger(
+        &mut self,
+        triggering: &Triggering,
+        observer: Option<Arc<dyn StationObserver>>,
+    ) -> Result<(), ServoError> {
+        if let Self::Live(live) = self {
+            live.triggering = Some(Box::new(triggering.clone()));
+            self.set_observer(observer);
+        }
+        match self.serial_mut() {
+            Some(serial) => triggering.start(serial),
+            None => Ok(()),
+        }
+    }
+
+    /// Returns the settings of the triggers that [`StationLink::trigger`] has started.
+    pub fn triggering(&self) -> Option<Trigger> {
+        match self {
+            Self::Twin(_) => None,
+            Self::Live(live) => live.triggering.as_ref().map(|it| it.trigger),
+        }
+    }
+
+    /// Ends the triggers of the cameras, if [`StationLink::trigger`] has started them.
+    pub fn end_triggers(&mut self) {
+        if let Self::Live(live) = self
+            && live.triggering.take().is_some()
+        {
+            Triggering::end(&mut live.serial);
         }
     }
 

@@ -78,6 +78,11 @@ pub trait Bench {
 
     /// Returns the station.
     fn station(&mut self) -> &mut StationLink;
+
+    /// Takes what has happened at the cameras since the last call, in words.
+    fn take_news(&mut self) -> Vec<String> {
+        Vec::new()
+    }
 }
 
 /// Loop that owns the station.
@@ -201,6 +206,7 @@ impl<B: Bench> Workbench<B> {
             }
             self.try_reset()?;
             self.tell_deeds();
+            self.tell_news();
             self.recording.check(&self.hub, self.bench.station());
             match self.bench.next_shot() {
                 Ok(None) => break,
@@ -223,6 +229,14 @@ impl<B: Bench> Workbench<B> {
             let text = deed.to_string();
             self.recording.event("guest", &text);
             self.hub.note(text);
+        }
+    }
+
+    /// Tells the pages and the recording what has happened at the cameras.
+    fn tell_news(&mut self) {
+        for news in self.bench.take_news() {
+            self.recording.event("cameras", &news);
+            self.hub.warn(news);
         }
     }
 

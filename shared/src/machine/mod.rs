@@ -277,10 +277,11 @@ impl Machine {
             self.control();
             self.emitted_segments = 0;
         }
-        self.plan_triggers(self.due());
+        let due = self.due();
         self.emitted_segments += 1;
         self.words_planned = self.words_planned.saturating_add(words as u64);
         let segment = self.next_segment();
+        self.plan_triggers(due, &segment);
         if self.emitted_segments == SEGMENTS {
             self.remember();
             self.tick = self.tick.saturating_add(1);

@@ -1,12 +1,18 @@
 //! Triggers of cameras: where their pulses lie in the segments, and their reports.
 //!
 //! Trigger `n` is due `n` periods after the first, and its edge lies in the slot of that instant,
-//! so that no rounding adds up. Triggers move nothing. So they need no permission: they go on while
+//! so that no rounding adds up. One that waits for a time without steps lies in its slot, or at the
+//! start of a later segment if that is quiet, or at the end of its longest wait; its report has the
+//! instant of its edge. The segment that is planned and the velocities at its end tell whether the
+//! time is quiet: the motors' steps themselves up to the segment's end, and as long as the motion
+//! does not change from there on.
+//!
+//! Triggers move nothing. So they need no permission: they go on while
 //! the station is stopped or faulted, and without a host.
 
 use super::{Machine, SEGMENT_US};
 use crate::frame::message::{Denial, Trigger, Triggered};
-use crate::steps::{CameraEdges, WordRate};
+use crate::steps::{AXES, CameraEdges, Position, Segment, WordRate};
 use crate::time::Instant;
 use heapless::Deque;
 
@@ -33,6 +39,8 @@ pub(super) struct Triggers {
     passed: u64,
     /// Instant at which the next trigger is due.
     next: Instant,
+    /// Instant at which a trigger was due that waits for a time without steps.
+    waiting: Option<Instant>,
     /// Instant at which the present pulse ends.
     end: Option<Instant>,
     /// True until a segment has given the pin its level at rest.
@@ -76,8 +84,9 @@ impl Triggers {
         self.settings.is_none() && self.end.is_none() && !self.unsettled
     }
 
-    /// Plans the edges of the segment whose first word comes at `from`.
-    fn plan(&mut self, from: Instant, words: WordRate) {
+    /// Plans the edges of the segment whose first word comes at `from`. `is_quiet` returns true if a
+    /// number of slots from a slot of the segment on have no step.
+    fn plan(&mut self, from: Instant, words: WordRate, is_quiet: impl Fn(u16, u32) -> bool) {
         self.edges.from = from;
         if self.unsettled {
             self.unsettled = false;
@@ -90,11 +99,22 @@ impl Triggers {
             self.end = None;
         }
         let Some(trigger) = self.settings else { return };
+        let longest_us = u64::from(trigger.longest_wait_us());
         self.skip_to(from, trigger);
-        if self.next >= behind {
-            return;
+        if self.waiting.is_none() && self.next < behind {
+            self.waiting = Some(self.next);
+            self.pass(self.passed.saturating_add(1), trigger);
         }
-        let begin = slot(self.next.since(from), words);
+        let Some(due) = self.waiting else { return };
+        let latest = due.plus_micros(longest_us);
+        let mut begin = slot(due.since(from), words);
+        if longest_us > 0 && !is_quiet(begin, quiet_slots(trigger, words)) {
+            if latest >= behind {
+                return;
+            }
+            begin = slot(latest.since(from), words);
+        }
+        self.waiting = None;
         let instant = from.plus_micros(middle_us(begin, words));
         self.edges.begin = Some(begin);
         let end = instant.plus_micros(trigger.pulse_us.into());
@@ -106,11 +126,15 @@ impl Triggers {
         if self.planned.push_back(instant).is_err() {
             self.lose(1);
         }
-        self.pass(self.passed.saturating_add(1), trigger);
     }
 
     /// Counts the triggers due before `from` as lost: the shell did not poll then.
     fn skip_to(&mut self, from: Instant, trigger: Trigger) {
+        let longest_us = u64::from(trigger.longest_wait_us());
+        let is_too_late = |due: &Instant| due.plus_micros(longest_us) < from;
+        if self.waiting.take_if(|due| is_too_late(due)).is_some() {
+            self.lose(1);
+        }
         if self.next >= from {
             return;
         }
@@ -163,6 +187,13 @@ fn slot(us: u64, words: WordRate) -> u16 {
     (us * (words.slots_per_s() / 1_000) / 1_000) as u16
 }
 
+/// Returns the number of slots without a step that a trigger waits for, with that of its edge.
+fn quiet_slots(trigger: Trigger, words: WordRate) -> u32 {
+    // At most 50 ms: below 2^37.
+    let slots = u64::from(trigger.quiet_us) * u64::from(words.slots_per_s());
+    u32::try_from(slots.div_ceil(US_PER_S) + 1).unwrap_or(u32::MAX)
+}
+
 /// Returns the time from the first word of a segment to the second word of a slot, µs.
 fn middle_us(slot: u16, words: WordRate) -> u64 {
     let word = u32::from(slot) * 2 + 1;
@@ -184,14 +215,23 @@ impl Machine {
         Ok(())
     }
 
-    /// Plans the camera pin's edges in the segment that is due at `due`.
-    pub(super) fn plan_triggers(&mut self, due: Instant) {
+    /// Plans the camera pin's edges in the segment that is due at `due`, the last that was planned.
+    pub(super) fn plan_triggers(&mut self, due: Instant, segment: &Segment) {
         self.triggers.edges.begin = None;
         self.triggers.edges.end = None;
         // Most segments have no edge, and cost little.
         if !self.triggers.are_idle() {
             let from = due.plus_micros(self.board.delay_us.into());
-            self.triggers.plan(from, self.board.word_rate);
+            let planner = self.planner.as_ref();
+            let is_quiet = |slot: u16, slots: u32| {
+                let Some(planner) = planner else { return true };
+                let mut at: [Position; AXES] = planner.positions();
+                for (at, distance) in at.iter_mut().zip(segment.displacement()) {
+                    *at = at.saturating_add(distance.wrapping_neg());
+                }
+                segment.is_quiet(&at, slot, slots)
+            };
+            self.triggers.plan(from, self.board.word_rate, is_quiet);
         }
     }
 

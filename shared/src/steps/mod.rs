@@ -50,6 +50,7 @@ mod camera;
 mod generator;
 mod port_map;
 mod position;
+mod quiet;
 mod segment;
 mod timing;
 

@@ -86,6 +86,7 @@ fn triggering(make: Make) -> Load {
         rate_hz: 200,
         pulse_us: 1_000,
         active_low: false,
+        quiet_us: 0,
     });
     assert_eq!(station.command(trigger), Ok(()));
     let load = load(&mut station, |station| scene::follow(station, 200));

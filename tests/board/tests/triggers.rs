@@ -17,6 +17,7 @@ const FAST: Trigger = Trigger {
     rate_hz: 500,
     pulse_us: 350,
     active_low: false,
+    quiet_us: 0,
 };
 
 fn trigger(station: &mut Station, trigger: Trigger) {
@@ -105,6 +106,36 @@ fn pulses_match_reports_and_leave_steps_alone() {
     }
 }
 
+/// Triggers that wait for a time without steps: reports and steps are the twin's, pulses where the
+/// reports say.
+#[test]
+fn waiting_pulses_match_reports() {
+    let waiting = Trigger {
+        rate_hz: 200,
+        quiet_us: 1_000,
+        ..FAST
+    };
+    let mut station = Station::power_on(&Image::firmware(), Make::default());
+    station.run(20 * MS);
+    station.greet();
+    station.set_up(Driver::Tmc2209);
+    trigger(&mut station, waiting);
+    station.run(20 * MS);
+    scene::follow(&mut station, 60);
+    station.run(100 * MS);
+    agreement(&mut station);
+    let count = check(&mut station, waiting);
+    let reports = triggered(&station);
+    assert!(count > 70 && reports.iter().all(|report| report.lost == 0));
+    let waits = reports.iter().zip(0..).map(|(report, n)| {
+        let us = report.instant.since(reports[0].instant);
+        us - n * 5_000
+    });
+    let waits: Vec<u64> = waits.collect();
+    assert!(waits.iter().all(|us| *us <= 313), "{waits:?}");
+    assert!(waits.iter().any(|us| *us >= 100), "{waits:?}");
+}
+
 /// A processor that takes 75 % longer for everything, and pulses that are low.
 #[test]
 fn low_pulses_of_a_slow_processor_are_right() {
@@ -116,6 +147,7 @@ fn low_pulses_of_a_slow_processor_are_right() {
         rate_hz: 1_000,
         pulse_us: 750,
         active_low: true,
+        quiet_us: 0,
     };
     let mut station = Station::power_on(&Image::firmware(), make);
     station.run(20 * MS);

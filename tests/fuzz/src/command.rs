@@ -41,7 +41,7 @@ pub enum Order {
     /// Motors on or off.
     Motors(bool),
     /// Triggers of cameras.
-    Trigger(u16, u32, bool),
+    Trigger(u16, u32, bool, u32),
 }
 
 /// Configuration. `None` stands for a usual value.
@@ -123,10 +123,11 @@ impl Order {
             Self::Ping(host_us) => Command::Ping { host_us },
             Self::Home(axes) => Command::Home { axes },
             Self::Motors(on) => Command::Motors { on },
-            Self::Trigger(rate_hz, pulse_us, active_low) => Command::Trigger(Trigger {
+            Self::Trigger(rate_hz, pulse_us, active_low, quiet_us) => Command::Trigger(Trigger {
                 rate_hz,
                 pulse_us,
                 active_low,
+                quiet_us,
             }),
         }
     }

@@ -203,9 +203,9 @@ impl Serial {
         StationError::Restless { waited_s }
     }
 
-    /// Stops a stage that may still move because of this conversation, and reports it. Waits until
-    /// a stage that was stopped stands.
-    pub(super) fn end_motion(&mut self) {
+    /// Stops a stage that may still move because of this conversation, and reports it, as dropping
+    /// the connection does. Waits until a stage that was stopped stands.
+    pub fn end_motion(&mut self) {
         let may_go_on = {
             let line = self.shared.line();
             let motion = line.client.motion();

@@ -1,6 +1,7 @@
 use std::fs;
 
 use super::*;
+use trinocular_core::steps::WordRate;
 use trinocular_core::track::pursuit::Settings;
 
 const STAGE: &str = r#"
@@ -542,6 +543,7 @@ fn trigger_is_read_and_written() {
         pulse_us: 500,
         active_low: false,
         exposure_us: 0,
+        between_steps: false,
     };
     assert_eq!(rig.trigger, Some(read));
     rig.trigger = Some(Trigger {
@@ -549,8 +551,21 @@ fn trigger_is_read_and_written() {
         pulse_us: 750,
         active_low: true,
         exposure_us: 1_000,
+        between_steps: false,
     });
     assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+    // As long as the station allows.
+    let settings = |text: &str| {
+        let rig = parse(&(paper_text() + "[trigger]\n" + text)).unwrap();
+        assert_eq!(parse(&rig.to_toml()).unwrap(), rig);
+        let settings = rig.trigger.unwrap().settings();
+        assert_eq!(settings.check(WordRate::MHZ_1), Ok(()));
+        settings.quiet_us
+    };
+    let waits = "rate_hz = 250\npulse_us = 3500\nbetween_steps = true\n";
+    assert_eq!(settings(waits), 3_500);
+    assert_eq!(settings(&(waits.to_owned() + "exposure_us = 4000")), 4_000);
+    assert_eq!(settings(&waits.replace("true", "false")), 0);
 }
 
 #[test]
@@ -582,6 +597,7 @@ fn impossible_triggers_are_named() {
         ("active_low = 1", "active_low"),
         ("exposure_us = 10001", "exposure_us"),
         ("width_us = 5", "width_us"),
+        ("between_steps = 1", "between_steps"),
     ];
     for (line, field) in bad {
         let key = line.split(' ').next().unwrap();
@@ -594,6 +610,18 @@ fn impossible_triggers_are_named() {
         let says = error.to_string();
         assert!(says.contains(&named), "{says}");
         assert!(error.line.is_some(), "{says}");
+    }
+    let waiting = paper_text() + "[trigger]\nbetween_steps = true\n";
+    for (lines, field) in [
+        ("rate_hz = 251\npulse_us = 100", "rate_hz"),
+        ("rate_hz = 250\npulse_us = 3501", "pulse_us"),
+        (
+            "rate_hz = 1\npulse_us = 100\nexposure_us = 50001",
+            "exposure_us",
+        ),
+    ] {
+        let error = parse(&(waiting.clone() + lines)).unwrap_err().to_string();
+        assert!(error.contains(&format!("trigger.{field}")), "{error}");
     }
     let text = paper_text() + "[trigger]\nrate_hz = 100\n";
     assert!(parse(&text).unwrap_err().to_string().contains("pulse_us"));

@@ -27,12 +27,21 @@ pub struct Trigger {
     pub active_low: bool,
     /// Exposure of the cameras, µs, whose middle is the capture time; at most the period.
     pub exposure_us: u32,
+    /// True if a trigger waits, for a sixteenth of the period at most, until no motor steps during
+    /// the exposure; or during the pulse, if `exposure_us` is 0.
+    pub between_steps: bool,
 }
 
 impl Trigger {
     /// Returns the settings for the station.
     pub const fn settings(self) -> message::Trigger {
+        let quiet_us = match (self.between_steps, self.exposure_us) {
+            (false, _) => 0,
+            (true, 0) => self.pulse_us,
+            (true, exposure_us) => exposure_us,
+        };
         message::Trigger {
+            quiet_us,
             rate_hz: self.rate_hz,
             pulse_us: self.pulse_us,
             active_low: self.active_low,
@@ -40,21 +49,40 @@ impl Trigger {
     }
 
     pub(super) fn read(section: &Field<'_>) -> Result<Self, InputError> {
-        section.only(&["rate_hz", "pulse_us", "active_low", "exposure_us"])?;
+        section.only(&[
+            "rate_hz",
+            "pulse_us",
+            "active_low",
+            "exposure_us",
+            "between_steps",
+        ])?;
         section.require(&[("rate_hz", "rate_hz = 60"), ("pulse_us", "pulse_us = 2000")])?;
-        let highest = u32::from(message::Trigger::HIGHEST_RATE_HZ);
-        let rate_hz = section.required("rate_hz")?.whole(1..=highest)?;
+        let flag = |name: &str| match section.optional(name)? {
+            Some(field) => field.flag(),
+            None => Ok(false),
+        };
+        let between_steps = flag("between_steps")?;
+        let (highest, share) = match between_steps {
+            true => (
+                message::Trigger::HIGHEST_WAITING_HZ,
+                message::Trigger::LATEST,
+            ),
+            false => (message::Trigger::HIGHEST_RATE_HZ, u32::MAX),
+        };
+        let rate_hz = section.required("rate_hz")?.whole(1..=highest.into())?;
         let period_us = 1_000_000 / rate_hz;
-        let longest = period_us - message::Trigger::SHORTEST_PAUSE_US;
+        // A trigger that waits leaves less time for its pulse.
+        let longest = period_us - period_us / share - message::Trigger::SHORTEST_PAUSE_US;
         let pulse_us = section
             .required("pulse_us")?
             .whole(message::Trigger::SHORTEST_PULSE_US..=longest)?;
-        let active_low = match section.optional("active_low")? {
-            Some(field) => field.flag()?,
-            None => false,
+        let active_low = flag("active_low")?;
+        let longest_exposure = match between_steps {
+            true => period_us.min(message::Trigger::LONGEST_QUIET_US),
+            false => period_us,
         };
         let exposure_us = match section.optional("exposure_us")? {
-            Some(field) => field.whole(0..=period_us)?,
+            Some(field) => field.whole(0..=longest_exposure)?,
             None => 0,
         };
         Ok(Self {
@@ -63,14 +91,16 @@ impl Trigger {
             pulse_us,
             active_low,
             exposure_us,
+            between_steps,
         })
     }
 
     pub(super) fn write_toml(&self, text: &mut String) {
         let _ = write!(
             text,
-            "\n[trigger]\nrate_hz = {}\npulse_us = {}\nactive_low = {}\nexposure_us = {}\n",
-            self.rate_hz, self.pulse_us, self.active_low, self.exposure_us
+            "\n[trigger]\nrate_hz = {}\npulse_us = {}\nactive_low = {}\nexposure_us = {}\n\
+             between_steps = {}\n",
+            self.rate_hz, self.pulse_us, self.active_low, self.exposure_us, self.between_steps
         );
     }
 }

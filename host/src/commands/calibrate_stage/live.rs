@@ -5,13 +5,15 @@ use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
 use crate::commands::driven::Driven;
 use crate::commands::failure::Failure;
+use crate::commands::live_cameras::{self, Free};
 use crate::commands::stage_model::{Anchor, StageModel};
 use crate::commands::warnings;
 use std::path::PathBuf;
 use std::time::Duration;
+use trinocular::servo::serial_station;
+use trinocular::servo::triggering::{TriggerWatch, Triggering};
 use trinocular_client::StationError;
-use trinocular_rig::error::InputError;
-use trinocular_rig::notice;
+use trinocular_core::time::Instant;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::images::FrameSet;
 use trinocular_vision::images::cameras::live::LiveCameras;
@@ -34,6 +36,8 @@ pub struct Live {
     driven: Driven,
     cameras: LiveCameras,
     model: StageModel,
+    /// Watch of the triggers, if the station triggers the cameras.
+    watch: Option<TriggerWatch>,
     source: PathBuf,
 }
 
@@ -47,33 +51,86 @@ pub fn bench(
 ) -> Result<Live, Failure> {
     let path = options.stage.path()?;
     let devices = cameras::per_camera(devices, options.port.as_deref(), (rig, path))?;
+    let triggering = live_cameras::triggering(rig, true, &[])?;
     let opened = cameras::open(&devices, (rig, path), FPS)?;
-    let stop = on_interrupt()?;
-    let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
-    let cameras = LiveCameras::start(opened, WINDOW, &cameras::delays_us(None, rig), stop, tell)?;
+    let free = Free {
+        window: WINDOW,
+        delay_ms: None,
+        rig,
+    };
+    let cameras = live_cameras::start(opened, triggering.as_ref(), &free, on_interrupt()?, None)?;
     let model = StageModel::start(stage)?;
-    let names: Vec<String> = devices
-        .iter()
-        .map(|name| name.display().to_string())
-        .collect();
     let mut live = Live {
         driven: driven()?,
         cameras,
         model,
-        source: PathBuf::from(names.join(",")),
+        watch: None,
+        source: live_cameras::source(&devices),
     };
     let start_mm = live.driven.position_mm()?;
     live.model.go(start_mm, AFTER_MS)?;
+    if let Some(triggering) = triggering {
+        live.trigger(triggering)?;
+    }
     Ok(live)
 }
 
 impl Live {
+    /// Starts the triggers of the cameras.
+    fn trigger(&mut self, triggering: Triggering) -> Result<(), Failure> {
+        let listener = triggering.listener(None);
+        self.driven.hand.serial().set_observer(Some(listener));
+        let started = triggering.start(self.driven.serial_mut());
+        started.map_err(|error| Failure::of_servo(Some(self.driven.hand.port()), error))?;
+        self.watch = Some(TriggerWatch::new(triggering));
+        Ok(())
+    }
+
+    /// Returns the present time on the clock of the capture times, µs.
+    fn now_us(&self) -> Result<u64, Failure> {
+        if self.watch.is_none() {
+            return Ok(self.cameras.now_us());
+        }
+        let serial = self.driven.hand.serial();
+        let now = Instant::from_micros(serial.now_us());
+        match serial_station::station_time(serial, now) {
+            Ok(now) => Ok(now.micros()),
+            Err(error) => Err(self.driven.hand.failed(error)),
+        }
+    }
+
+    /// Returns the instant at which a motion began, on the clock of the capture times, µs.
+    fn begun_us(&self, tick: Option<u32>) -> Result<i64, Failure> {
+        let serial = self.driven.hand.serial();
+        let anchor = Anchor::of(serial, tick, &self.source)?;
+        Ok(match self.watch {
+            Some(_) => anchor.station_us,
+            None => anchor.line_us - offset_us(|| serial.now_us(), || self.cameras.now_us()),
+        })
+    }
+
     fn next(&mut self) -> Result<FrameSet, Failure> {
-        let line = self.driven.hand.serial().check();
-        line.map_err(|error| self.driven.hand.failed(error))?;
-        match self.cameras.next() {
-            Some(set) => Ok(set?),
-            None => Err(self.driven.hand.failed(StationError::Cancelled)),
+        let set = match &mut self.watch {
+            Some(watch) => {
+                let serial = self.driven.hand.serial_mut();
+                let images =
+                    watch.next_images(serial, &mut self.cameras, |news| warnings::raise(news));
+                images.map_err(|error| Failure::of_servo(Some(self.driven.hand.port()), error))?
+            }
+            None => {
+                let line = self.driven.hand.serial().check();
+                line.map_err(|error| self.driven.hand.failed(error))?;
+                self.cameras.next().transpose()?
+            }
+        };
+        set.ok_or_else(|| self.driven.hand.failed(StationError::Cancelled))
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        if self.watch.is_some() {
+            Triggering::end(self.driven.serial_mut());
         }
     }
 }
@@ -91,7 +148,7 @@ impl StageBench for Live {
     }
 
     fn look(&mut self) -> Result<FrameSet, Failure> {
-        let from_us = self.cameras.now_us() + SETTLED_US;
+        let from_us = self.now_us()? + SETTLED_US;
         loop {
             let set = self.next()?;
             if set.time_us >= from_us {
@@ -103,25 +160,22 @@ impl StageBench for Live {
     fn pass(&mut self, position_mm: [f64; 3]) -> Result<Option<Pass>, Failure> {
         let path = self.model.go(position_mm, AFTER_MS)?;
         let jumps_before = self.driven.clock_jumps();
-        let until_us = self.cameras.now_us() + path.lasts_us();
+        let until_us = self.now_us()? + path.lasts_us();
         let begun = self.driven.begin(position_mm)?;
         let mut pass = Pass::default();
-        while self.cameras.now_us() < until_us {
+        while self.now_us()? < until_us {
             pass.captures.push(self.next()?);
         }
         self.driven.arrive()?;
-        if self.driven.clock_jumps() != jumps_before {
+        // The times of triggers need no comparison of clocks.
+        if self.watch.is_none() && self.driven.clock_jumps() != jumps_before {
             warnings::raise(
                 "the station's clock jumped while the stage moved, because the station or \
                  this computer was held up: the delay may be wrong; run this again",
             );
         }
-        let serial = self.driven.hand.serial();
-        let anchor = Anchor::of(serial, begun, &self.source)?;
-        // From the line's clock to the cameras'.
-        let ahead_us = offset_us(|| serial.now_us(), || self.cameras.now_us());
-        for (line_us, at_mm) in path.from(&anchor) {
-            pass.path.push(((line_us - ahead_us) as f64 * 1e-6, at_mm));
+        for (at_us, at_mm) in path.from(self.begun_us(begun)?) {
+            pass.path.push((at_us as f64 * 1e-6, at_mm));
         }
         Ok(Some(pass))
     }

@@ -6,6 +6,7 @@ use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
 use crate::commands::driven::Driven;
 use crate::commands::failure::Failure;
+use crate::commands::live_cameras;
 use crate::commands::stage_model::{Anchor, StageModel};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -63,10 +64,6 @@ pub fn bench(
         line_ahead_us: offset_us(|| serial.now_us(), || camera.now_us()),
         camera,
     });
-    let names: Vec<String> = devices
-        .iter()
-        .map(|name| name.display().to_string())
-        .collect();
     let own_clock_us = match cameras::have_own_clock(&devices) {
         true => OWN_CLOCK_US,
         false => 0,
@@ -76,7 +73,7 @@ pub fn bench(
         cameras: cameras.collect(),
         driven,
         model,
-        source: PathBuf::from(names.join(",")),
+        source: live_cameras::source(&devices),
     };
     let start_mm = live.driven.position_mm()?;
     live.model.go(start_mm, AFTER_MS)?;
@@ -155,7 +152,7 @@ impl Bench for Live {
         }
         let anchor = Anchor::of(self.driven.hand.serial(), begun, &self.source)?;
         let mut passed = Path::default();
-        for (line_us, at_mm) in path.from(&anchor) {
+        for (line_us, at_mm) in path.from(anchor.line_us) {
             passed.push(line_us as f64 * 1e-6, at_mm);
         }
         Ok(Some((passed, anchor.bound_us as f64 * 1e-3)))

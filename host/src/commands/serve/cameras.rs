@@ -5,18 +5,17 @@ use super::station::Station;
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
 use crate::commands::failure::Failure;
+use crate::commands::live_cameras::{self, Free};
 use crate::commands::track::live;
 use std::net::TcpListener;
 use std::path::PathBuf;
+use std::sync::mpsc::channel;
 use std::time::Duration;
-use trinocular::servo::frame_sets::CameraBench;
+use trinocular::servo::camera_bench::CameraBench;
 use trinocular::servo::page_recording::PageRecording;
 use trinocular::servo::station_link::StationLink;
-use trinocular_rig::error::InputError;
-use trinocular_rig::notice;
+use trinocular_client::serial::Holder;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::images::cameras::live::LiveCameras;
-use trinocular_vision::images::cameras::stamp::offset_us;
 
 /// Runs until Ctrl-C.
 pub fn run(
@@ -30,21 +29,37 @@ pub fn run(
     let devices = cameras::per_camera(devices, options.station.name(), (rig, &rig_path))?;
     let is_real = options.station.is_given();
     let (stage, mounting) = live::stage((is_real, options.fixed), rig, &rig_path)?;
+    let free = [
+        ("--delay", options.delay.is_some()),
+        ("--window", options.window.is_some()),
+    ];
+    let triggering = live_cameras::triggering(rig, is_real, &free)?;
     // Open all cameras before the station, so that nothing moves if one is missing.
-    let cameras = cameras::open(&devices, (rig, &rig_path), options.fps)?;
-    let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
-    let window = Duration::from_secs_f64(options.window_ms() * 1e-3);
-    let delays_us = cameras::delays_us(options.delay, rig);
-    let live = LiveCameras::start(cameras, window, &delays_us, on_interrupt()?, tell)?;
+    let opened = cameras::open(&devices, (rig, &rig_path), options.fps)?;
+    let free = Free {
+        window: Duration::from_secs_f64(options.window_ms() * 1e-3),
+        delay_ms: options.delay,
+        rig,
+    };
+    let (tell, told) = channel();
+    let stop = on_interrupt()?;
+    let live = live_cameras::start(opened, triggering.as_ref(), &free, stop, Some(tell))?;
     let station = Station::open(options, &stage)?;
     let observer = recording.station_observer();
-    let link = StationLink::start_observed(station.place(options), &stage, mounting, observer)
+    let place = station.place(options);
+    let mut link = StationLink::start_observed(place, &stage, mounting, observer.clone())
         .map_err(|error| Failure::of_station(station.port(), error))?;
-    let offset_us = offset_us(|| link.now().micros(), || live.now_us());
+    if let Some(triggering) = &triggering {
+        refuse_guest(&link, options)?;
+        let triggered = link.trigger(triggering, observer);
+        triggered.map_err(|error| Failure::of_servo(station.port(), error))?;
+    }
     let drops = cameras::drop_source(&live);
-    let bench = CameraBench::new(live, link, offset_us);
+    let count = live.counter();
+    let window_ms = triggering.is_none().then(|| options.window_ms());
+    let bench = CameraBench::new(live, link, triggering, told);
     let facts = (rig, &stage, mounting);
-    super::serve(
+    let outcome = super::serve(
         options,
         listener,
         facts,
@@ -52,5 +67,21 @@ pub fn run(
         station.port(),
         recording,
         Some(drops),
-    )
+    );
+    live_cameras::print_counts((&devices, &rig.names), count(), window_ms);
+    outcome
+}
+
+/// Refuses to trigger through another program for a page that only shows: that program passes no
+/// command on.
+fn refuse_guest(link: &StationLink, options: &ServeOptions) -> Result<(), Failure> {
+    let owner = link.serial().and_then(|serial| serial.owner());
+    match owner.filter(|_| options.only_shows()) {
+        Some(Holder { pid, command }) => Err(Failure::Usage(format!(
+            "`{command}` (process {pid}) has the port, and a page that only shows can trigger no \
+             cameras through it: end that program, add --control, or give a rig file without \
+             [trigger]"
+        ))),
+        None => Ok(()),
+    }
 }

@@ -85,7 +85,15 @@ pub fn arrival(station: &StationLink, options: &ServeOptions, stage: &str) -> St
         }
         _ => String::new(),
     };
-    format!("{done}; {position}{condition}")
+    let triggers = match station.triggering() {
+        Some(trigger) => format!(
+            "; it triggers the cameras {} times per second until this page ends, which moves \
+             nothing",
+            trigger.rate_hz
+        ),
+        None => String::new(),
+    };
+    format!("{done}; {position}{condition}{triggers}")
 }
 
 /// Returns the origin of the page's mm and limits, in words, if the page does not configure the

@@ -22,7 +22,7 @@ use trinocular::servo::triggering::Triggering;
 use trinocular::servo::visual_servo::ServoStep;
 use trinocular_client::observer::StationObserver;
 use trinocular_client::{StationError, diagnosis};
-use trinocular_core::frame::message::{Command, Mounting, Trigger};
+use trinocular_core::frame::message::Mounting;
 use trinocular_live::DropSource;
 use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
@@ -73,8 +73,6 @@ pub struct Captures<'a> {
     drops: Option<LiveDrops<'a>>,
     tap: Option<Arc<Tap>>,
     page: Option<TrackPage>,
-    /// True if the station triggers the cameras.
-    is_triggered: bool,
     targets: Option<Targets>,
 }
 
@@ -107,15 +105,7 @@ impl<'a> Captures<'a> {
         let targets = Targets::of(rig, &options.region.regions(rig)?, source)?;
         let place = options.station.place(port);
         let observer = tap.clone().map(|tap| tap as Arc<dyn StationObserver>);
-        let triggering = match live {
-            Some(LiveClock::Station(triggering)) => Some(triggering),
-            _ => None,
-        };
-        let observer = match triggering {
-            Some(triggering) => Some(triggering.listener(observer)),
-            None => observer,
-        };
-        let station = StationLink::start_observed(place, stage, mounting, observer);
+        let station = StationLink::start_observed(place, stage, mounting, observer.clone());
         let station = station.map_err(|error| failed(error.into()))?;
         introduce(&station);
         let clock = match (port, live) {
@@ -147,8 +137,9 @@ impl<'a> Captures<'a> {
             servo.add_observer(page.observer());
         }
         // Last: nothing fails after it that would leave the cameras triggered.
-        if let Some(triggering) = triggering {
-            triggering.start(servo.station_mut()).map_err(failed)?;
+        if let Some(LiveClock::Station(triggering)) = live {
+            let started = servo.station_mut().trigger(triggering, observer);
+            started.map_err(failed)?;
         }
         Ok(Self {
             options,
@@ -162,7 +153,6 @@ impl<'a> Captures<'a> {
             exposures: Exposures::new(&rig.names),
             drops: None,
             tap,
-            is_triggered: triggering.is_some(),
             targets,
         })
     }
@@ -207,11 +197,7 @@ impl<'a> Captures<'a> {
 
     /// Ends the triggers, and the recording at the station's present instant.
     fn end(&mut self) {
-        if self.is_triggered {
-            // A station that cannot be reached goes on: triggers move nothing.
-            let off = Command::Trigger(Trigger::OFF);
-            let _ = self.servo.station_mut().command("trigger", off);
-        }
+        self.servo.station_mut().end_triggers();
         if let Some(tap) = &self.tap {
             tap.end(self.servo.station().now().micros());
         }

@@ -5,21 +5,18 @@ use super::captures::{Captures, LiveClock};
 use crate::commands::by_hand::on_interrupt;
 use crate::commands::cameras;
 use crate::commands::failure::Failure;
+use crate::commands::live_cameras::{self, Free};
 use crate::commands::reference_view::put_before;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use trinocular::servo::triggering::Triggering;
 use trinocular_client::stage::default_stage;
 use trinocular_core::frame::message::Mounting;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::images::FrameSet;
-use trinocular_vision::images::cameras::live::{LiveCameras, Tally};
-
-/// Number of missed, doubled and doubtful images that are printed.
-const PRINTED: usize = 20;
+use trinocular_vision::images::cameras::live::Tally;
 
 /// Returns the stage and the mounting of the cameras. A real stage must be in the rig file.
 pub fn stage(
@@ -56,45 +53,6 @@ pub fn run(
     follow(options, &devices, (&rig, rig_path), stage, out)
 }
 
-/// Returns the triggers of the cameras, if the rig file has them and a station is there to give
-/// them.
-fn triggering(options: &TrackOptions, rig: &RigFile) -> Result<Option<Triggering>, Failure> {
-    let Some(trigger) = rig.trigger else {
-        return Ok(None);
-    };
-    if !options.station.is_given() {
-        notice!("[trigger] of the rig file has no effect without --port: cameras run freely");
-        return Ok(None);
-    }
-    for (option, is_given) in [
-        ("--delay", options.delay.is_some()),
-        ("--window", options.window.is_some()),
-    ] {
-        if is_given {
-            return Err(Failure::Usage(format!(
-                "{option} has no effect with [trigger] in the rig file: the capture time is the \
-                 trigger's instant on the station's own clock; leave {option} out, or remove \
-                 [trigger]"
-            )));
-        }
-    }
-    Ok(Some(Triggering::new(trigger)))
-}
-
-/// Returns a printer of missed, doubled and doubtful images. It prints the first ones only, because
-/// a camera with wrong settings has one at every trigger.
-fn anomalies() -> impl FnMut(&InputError) {
-    let mut printed = 0;
-    move |anomaly| {
-        printed += 1;
-        match printed {
-            ..PRINTED => notice!("warning: {anomaly}"),
-            PRINTED => notice!("warning: {anomaly}; further ones are only counted"),
-            _ => (),
-        }
-    }
-}
-
 fn follow(
     options: &TrackOptions,
     devices: &[PathBuf],
@@ -102,26 +60,24 @@ fn follow(
     (stage, mounting): (Stage, Mounting),
     out: &mut impl Write,
 ) -> Result<(), Failure> {
-    let triggering = triggering(options, rig)?;
+    let free = [
+        ("--delay", options.delay.is_some()),
+        ("--window", options.window.is_some()),
+    ];
+    let triggering = live_cameras::triggering(rig, options.station.is_given(), &free)?;
     let view = options.view(rig, rig_path)?;
     let port = options.station.resolve()?;
     // Open all cameras before the station, so that nothing moves if one is missing.
-    let cameras = cameras::open(devices, (rig, rig_path), options.fps())?;
-    let ms = |ms: f64| Duration::from_secs_f64(ms * 1e-3);
-    let stop = on_interrupt()?;
-    let tell = |loss: &InputError| notice!("warning: {loss}; the others carry on");
-    let mut live = match &triggering {
-        Some(Triggering { triggers, .. }) => {
-            LiveCameras::start_triggered(cameras, triggers, stop, tell, anomalies())?
-        }
-        None => {
-            let delays_us = cameras::delays_us(options.delay, rig);
-            LiveCameras::start(cameras, ms(options.window_ms()), &delays_us, stop, tell)?
-        }
+    let opened = cameras::open(devices, (rig, rig_path), options.fps())?;
+    let free = Free {
+        window: Duration::from_secs_f64(options.window_ms() * 1e-3),
+        delay_ms: options.delay,
+        rig,
     };
+    let stop = on_interrupt()?;
+    let mut live = live_cameras::start(opened, triggering.as_ref(), &free, stop, None)?;
     let now_us = || live.now_us();
-    let all: Vec<String> = (devices.iter().map(|device| device.display().to_string())).collect();
-    let all = PathBuf::from(all.join(","));
+    let all = live_cameras::source(devices);
     let recording = options.recording(&RigFile {
         stage: Some(stage.clone()),
         ..rig.clone()
@@ -156,37 +112,8 @@ fn follow(
     let frame_sets = live.by_ref().take_while(is_in_time);
     let frame_sets = put_before(view, frame_sets, options.period_us());
     let outcome = captures.follow(frame_sets, out);
-    for ((device, tally), name) in devices.iter().zip(live.tallies()).zip(&rig.names) {
-        let matching = tally.matching;
-        let (within, of_triggers) = match &triggering {
-            Some(_) => {
-                let (missed, doubled) = (tally.missed, tally.doubled);
-                let counts = format!(
-                    "; {missed} triggers missed, {doubled} images doubled, {} doubtful, {} of \
-                     triggers that were not reported",
-                    tally.doubtful, tally.unreported
-                );
-                (String::new(), counts)
-            }
-            None => (format!(" within {} ms", options.window_ms()), String::new()),
-        };
-        notice!(
-            "{name} ({}): {} images, {} used, {} overtaken by newer ones, {} without partners{}, \
-             {} stale, {} damaged, {} incomplete, {} out of order; its driver lost {}{}",
-            device.display(),
-            tally.images(),
-            matching.used,
-            matching.overtaken,
-            matching.unmatched,
-            within,
-            tally.stale,
-            tally.damaged,
-            tally.incomplete,
-            matching.disordered,
-            tally.lost,
-            of_triggers
-        );
-    }
+    let window_ms = triggering.is_none().then(|| options.window_ms());
+    live_cameras::print_counts((devices, &rig.names), live.tallies(), window_ms);
     if let Ok(summary) = &outcome {
         let (refused, frames) = (summary.refused, summary.frames);
         notice!("{refused} of {frames} frame sets not used");

@@ -13,6 +13,7 @@ use super::rig::{self, Instant, RigCamera, RigSolution};
 use super::stand::doubts;
 use crate::images::Image;
 use crate::images::decode::Picture;
+use crate::images::rectangle;
 use crate::images::series::{Images, Series, pairing};
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::{RigFile, TRINOCULAR};
@@ -24,7 +25,7 @@ const DOUBTFUL: f64 = 3.0;
 const NONSENSE: f64 = 20.0;
 
 /// Board and limits of a calibration.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationSettings {
     /// Chessboard in the images.
     pub board: Board,
@@ -33,15 +34,24 @@ pub struct CalibrationSettings {
     /// Largest residual of an image, in multiples of the median image's; images beyond it are
     /// rejected.
     pub outlier: f64,
+    /// Left, top, width and height of the part of each camera's images to search for the board, px;
+    /// `None`, or no entry, for whole images.
+    pub rectangles_px: Vec<Option<[u32; 4]>>,
 }
 
 impl CalibrationSettings {
+    /// Returns the rectangle of a camera.
+    fn rectangle_px(&self, camera: usize) -> Option<[u32; 4]> {
+        self.rectangles_px.get(camera).copied().flatten()
+    }
+
     /// Creates the usual settings for a board.
     pub fn new(board: Board) -> Self {
         Self {
             board,
             half_window: None,
             outlier: 3.0,
+            rectangles_px: Vec::new(),
         }
     }
 }
@@ -211,7 +221,7 @@ pub fn calibrate_listed(
         done += 1;
         progress((done as f64 / total.max(1) as f64).min(1.0));
     };
-    let all = look(series, settings, &mut next);
+    let all = look(dir, series, settings, &mut next)?;
     if !photographs.may_differ
         && let Some(reason) = pairing::differing_rates(series)
     {
@@ -220,7 +230,8 @@ pub fn calibrate_listed(
     let mut cameras = Vec::with_capacity(series.len());
     let mut instants: BTreeMap<String, Instant> = BTreeMap::new();
     for (index, (one, mut found)) in series.iter().zip(all).enumerate() {
-        let camera = calibrate_camera(dir, one, settings, &mut found)?;
+        let rectangle_px = settings.rectangle_px(index);
+        let camera = calibrate_camera(dir, one, settings, rectangle_px, &mut found)?;
         let looked = found.instants.into_iter().zip(found.boards);
         for ((instant, found), pose) in looked.zip(&camera.intrinsics.poses) {
             let seen = instants
@@ -261,11 +272,16 @@ struct Looked {
 /// Looks for the board in every image of all series, once each: a pipe's come only once. The first
 /// images of all cameras come first, because a program that writes several pipes waits if one of
 /// them is not read.
-fn look(series: &[Series], settings: &CalibrationSettings, next: &mut dyn FnMut()) -> Vec<Looked> {
+fn look(
+    dir: &Path,
+    series: &[Series],
+    settings: &CalibrationSettings,
+    next: &mut dyn FnMut(),
+) -> Result<Vec<Looked>, InputError> {
     let mut all: Vec<Looked> = series.iter().map(|_| Looked::default()).collect();
     for index in 0.. {
         let mut is_over = true;
-        for (one, looked) in series.iter().zip(&mut all) {
+        for (camera, (one, looked)) in series.iter().zip(&mut all).enumerate() {
             let number = index + 1;
             let came = match &one.images {
                 Images::Stills(stills) => (stills.get(index))
@@ -279,7 +295,13 @@ fn look(series: &[Series], settings: &CalibrationSettings, next: &mut dyn FnMut(
             is_over = false;
             looked.instants.push(instant);
             looked.files.push(file);
-            let board = corners(picture, settings, &mut looked.size_px);
+            let rectangle_px = settings.rectangle_px(camera);
+            let board = corners(picture, settings, rectangle_px, &mut looked.size_px);
+            let beyond = rectangle_px.zip(looked.size_px);
+            if let Some(reason) = beyond.and_then(|(part, size)| rectangle::beyond(part, size)) {
+                let reason = format!("camera `{}`: {reason}", one.name);
+                return Err(InputError::file(dir, reason));
+            }
             looked.boards.push(board);
             next();
         }
@@ -287,13 +309,14 @@ fn look(series: &[Series], settings: &CalibrationSettings, next: &mut dyn FnMut(
             break;
         }
     }
-    all
+    Ok(all)
 }
 
 fn calibrate_camera(
     dir: &Path,
     series: &Series,
     settings: &CalibrationSettings,
+    rectangle_px: Option<[u32; 4]>,
     looked: &mut Looked,
 ) -> Result<CameraResult, InputError> {
     let fault =
@@ -305,7 +328,10 @@ fn calibrate_camera(
     let image_size_px = looked.size_px.unwrap_or_default();
     let intrinsics = intrinsics::calibrate(&settings.board, image_size_px, found, settings.outlier)
         .map_err(|(refusal, verdicts)| {
+            let searched =
+                rectangle_px.map(|[x, y, w, h]| format!("only --roi {x},{y},{w},{h} was searched"));
             let reasons: Vec<String> = std::iter::once(refusal.to_string())
+                .chain(searched)
                 .chain(by_reason(&files, &verdicts))
                 .collect();
             fault(reasons.join("; "))
@@ -359,10 +385,12 @@ fn by_reason(files: &[String], verdicts: &[Verdict]) -> Vec<String> {
     groups.into_iter().map(text).collect()
 }
 
-/// Finds the board in one image; `size` is the size of the camera's images, once one has been read.
+/// Finds the board in one image, or in a rectangle of it; `size` is the size of the camera's images,
+/// once one has been read.
 fn corners(
     picture: Result<Picture, InputError>,
     settings: &CalibrationSettings,
+    rectangle_px: Option<[u32; 4]>,
     size: &mut Option<[u32; 2]>,
 ) -> Result<FoundBoard, ImageRejection> {
     let picture = picture.map_err(|error| ImageRejection::Unreadable(error.reason))?;
@@ -373,7 +401,17 @@ fn corners(
     if own != first {
         return Err(ImageRejection::Size { found: own, first });
     }
-    Ok(find(&image, &settings.board, settings.half_window)?)
+    let Some(rectangle_px) = rectangle_px else {
+        return Ok(find(&image, &settings.board, settings.half_window)?);
+    };
+    // What lies beyond the rectangle can neither be taken for the board nor hide it.
+    let part = image.part(rectangle_px);
+    let mut found = find(&part, &settings.board, settings.half_window)?;
+    let [left, top, ..] = rectangle_px.map(f64::from);
+    for [x, y] in &mut found.corners {
+        (*x, *y) = (*x + left, *y + top);
+    }
+    Ok(found)
 }
 
 fn place(

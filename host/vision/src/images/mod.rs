@@ -25,6 +25,7 @@ pub mod decode;
 pub mod exposure;
 pub mod folder;
 pub mod read_ahead;
+pub mod rectangle;
 pub mod render;
 pub mod series;
 mod spline;

@@ -133,6 +133,8 @@ pub enum Setting {
     TriggerRate,
     /// [`Trigger::pulse_us`].
     TriggerPulse,
+    /// [`Trigger::quiet_us`].
+    TriggerQuiet,
 }
 
 impl Setting {
@@ -161,6 +163,7 @@ impl Setting {
             Self::Unseen => "unseen_um",
             Self::TriggerRate => "trigger.rate_hz",
             Self::TriggerPulse => "trigger.pulse_us",
+            Self::TriggerQuiet => "trigger.quiet_us",
         }
     }
 }

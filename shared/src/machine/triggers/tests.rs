@@ -1,5 +1,7 @@
 //! Triggers as a logic analyser at the port sees them, beside the station's reports.
 
+mod waiting;
+
 use crate::frame::encode::encode;
 use crate::frame::message::{
     Command, Config, ConfigField, Denial, LastRun, MATRIX_BITS, Mounting, Outcome, Packet, Report,
@@ -29,6 +31,7 @@ const TRIGGER: Trigger = Trigger {
     rate_hz: 60,
     pulse_us: 2_000,
     active_low: false,
+    quiet_us: 0,
 };
 
 fn config() -> Config {
@@ -192,7 +195,7 @@ proptest! {
     fn pulses_are_where_reports_say(rate_hz in 1..=1000u16, part in 0.0..1.0f64, active_low: bool) {
         let longest = 1_000_000 / u32::from(rate_hz) - 250;
         let pulse_us = (10 + ((longest - 10) as f64 * part) as u32) / 2 * 2;
-        let trigger = Trigger { rate_hz, pulse_us, active_low };
+        let trigger = Trigger { rate_hz, pulse_us, active_low, quiet_us: 0 };
         let mut bench = Bench::new(Some(CAMERA));
         prop_assert_eq!(bench.ask(Command::Trigger(trigger)), ACCEPTED);
         bench.wait(2_020);
@@ -213,10 +216,12 @@ proptest! {
     #[test]
     fn steps_are_the_same_with_triggers(
         rate_hz in 1..=1000u16, active_low: bool, distance_um: [i16; 3], after_ms in 0..40u64,
+        quiet_us in 0..4_000u32,
     ) {
+        let quiet_us = if rate_hz > 250 { 0 } else { quiet_us };
         let run = |rate_hz| {
             let mut bench = Bench::new(Some(CAMERA));
-            let trigger = Trigger { rate_hz, pulse_us: 500, active_low };
+            let trigger = Trigger { rate_hz, pulse_us: 500, active_low, quiet_us };
             assert_eq!(bench.ask(Command::Config(config())), ACCEPTED);
             bench.send(Command::Ping { host_us: 0 });
             let distance_um = distance_um.map(|um| i32::from(um) / 4);
@@ -290,6 +295,7 @@ fn impossible_settings_are_refused_by_name() {
             rate_hz,
             pulse_us,
             active_low: false,
+            quiet_us: 0,
         }))
     };
     let (rate, pulse) = (Setting::TriggerRate, Setting::TriggerPulse);
@@ -328,6 +334,7 @@ fn triggers_lost_by_the_engine_get_no_number() {
         rate_hz: 1_000,
         pulse_us: 100,
         active_low: false,
+        quiet_us: 0,
     };
     assert_eq!(bench.ask(Command::Trigger(fast)), ACCEPTED);
     bench.wait(50);
@@ -352,6 +359,7 @@ fn lost_trigger_is_never_reported() {
         rate_hz: 907,
         pulse_us: 100,
         active_low: false,
+        quiet_us: 0,
     };
     for phase_us in (0..20_000).step_by(90) {
         let mut bench = Bench::new(Some(CAMERA));

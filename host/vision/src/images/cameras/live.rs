@@ -14,12 +14,14 @@
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::task::Poll;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 mod camera;
 mod tally;
 mod time_source;
+mod wait;
 
 pub use camera::{Camera, CameraEvent};
 pub use tally::Tally;
@@ -30,6 +32,7 @@ use crate::images::{FrameSet, Image};
 pub(super) use time_source::micros;
 use time_source::{TimeSource, later};
 use trinocular_rig::error::InputError;
+use wait::Wait;
 
 /// Longest wait for a frame set.
 pub const PATIENCE: Duration = Duration::from_secs(3);
@@ -85,6 +88,8 @@ pub struct LiveCameras {
     started: Instant,
     stop: Arc<AtomicBool>,
     patience: Duration,
+    /// Wait for the next frame set, if it has begun.
+    wait: Option<Wait>,
     failed: bool,
     tell: Box<dyn FnMut(&InputError)>,
     tell_anomaly: Box<dyn FnMut(&InputError)>,
@@ -167,6 +172,7 @@ impl LiveCameras {
             started,
             stop,
             patience: PATIENCE,
+            wait: None,
             failed: false,
             tell: Box::new(tell),
             tell_anomaly: Box::new(|_| ()),
@@ -204,91 +210,68 @@ impl LiveCameras {
         move || shared.state().tallies()
     }
 
-    /// Returns the reason why no frame set came within [`PATIENCE`].
-    fn silence(&self, state: &State, arrived_before: &[u64]) -> InputError {
-        let waited = self.patience.as_secs();
-        let silent = (state.matching.counts().iter())
-            .zip(arrived_before)
-            .enumerate()
-            .filter(|(camera, (counts, before))| {
-                counts.arrived == **before && state.matching.needs(*camera)
-            })
-            .min_by_key(|(_, (counts, _))| counts.arrived);
-        let (path, reason) = match (silent, self.paths.first()) {
-            (Some((camera, _)), _) => {
-                let Tally {
-                    stale,
-                    damaged,
-                    incomplete,
-                    doubtful,
-                    unreported,
-                    ..
-                } = state.tallies[camera];
-                let reason = match (stale + damaged, incomplete) {
-                    (0, 0) if unreported > doubtful => format!(
-                        "no image whose trigger the station has reported for {waited} s, of \
-                         {unreported} images so far: see to the line to the station"
-                    ),
-                    (0, 0) if doubtful > 0 => format!(
-                        "no image whose trigger is certain for {waited} s, of {doubtful} images \
-                         so far: keep the exposure constant, or lower rate_hz"
-                    ),
-                    (0, 0) => format!("no image for {waited} s: is the camera still there?"),
-                    (0, _) => format!(
-                        "no whole image for {waited} s; so far {incomplete} had missing packets \
-                         (set packet_size_bytes and packet_delay_us in the rig file, and the \
-                         system's receive buffer)"
-                    ),
-                    _ => format!(
-                        "no image that can be used for {waited} s; so far {damaged} were \
-                         damaged, and {stale} came faster than they were fetched \
-                         (lower --fps, or do less on this computer)"
-                    ),
-                };
-                (self.paths[camera].clone(), reason)
-            }
-            (None, first) => {
-                let apart_ms = state.matching.apart_us().unwrap_or(0) as f64 * 1e-3;
-                (
-                    first.cloned().unwrap_or_default(),
-                    format!(
-                        "no image within the window of the other cameras' for {waited} s, the \
-                         latest are {apart_ms:.1} ms apart: trigger the cameras together, \
-                         or raise --window"
-                    ),
-                )
-            }
-        };
-        InputError::file(&path, reason)
-    }
-
-    fn wait(&self) -> Option<Result<Set<Image>, InputError>> {
+    /// Waits for a frame set, for `longest` at most.
+    fn wait(&mut self, longest: Duration) -> Poll<Option<Result<Set<Image>, InputError>>> {
         let mut state = self.shared.state();
-        let arrived = |state: &State| -> Vec<u64> {
-            let counts = state.matching.counts().iter();
-            counts.map(|counts| counts.arrived).collect()
-        };
-        let before = arrived(&state);
+        let wait = self.wait.get_or_insert_with(|| Wait::begin(&state));
         let (mut waited, mut looked) = (Duration::ZERO, Instant::now());
         loop {
             if self.stop.load(Relaxed) {
-                return None;
+                return Poll::Ready(None);
             }
             if let Some(set) = state.matching.take_newest() {
-                return Some(Ok(set));
+                return Poll::Ready(Some(Ok(set)));
             }
             if let Some(error) = state.failed.take() {
-                return Some(Err(error));
+                return Poll::Ready(Some(Err(error)));
             }
             let now = Instant::now();
-            waited += now.duration_since(looked).min(LONGEST_LOOK);
+            let passed = now.duration_since(looked).min(LONGEST_LOOK);
             looked = now;
-            if waited >= self.patience {
-                return Some(Err(self.silence(&state, &before)));
+            waited += passed;
+            wait.waited += passed;
+            if wait.waited >= self.patience {
+                let error = wait.silence(&state, &self.paths, self.patience);
+                return Poll::Ready(Some(Err(error)));
+            }
+            if waited >= longest {
+                return Poll::Pending;
             }
             let woken = self.shared.arrived.wait_timeout(state, LOOK);
             (state, _) = woken.unwrap_or_else(PoisonError::into_inner);
         }
+    }
+
+    /// Waits for the next frame set as the iterator does, but for `longest` at most; then it is
+    /// [`Poll::Pending`], and the next call waits on. The time between the calls counts for no
+    /// camera that is silent.
+    pub fn next_within(&mut self, longest: Duration) -> Poll<Option<Result<FrameSet, InputError>>> {
+        if self.failed {
+            return Poll::Ready(None);
+        }
+        let set = self.wait(longest);
+        let (losses, anomalies) = {
+            let mut state = self.shared.state();
+            let anomalies = std::mem::take(&mut state.anomalies);
+            (std::mem::take(&mut state.losses), anomalies)
+        };
+        losses.iter().for_each(&mut self.tell);
+        anomalies.iter().for_each(&mut self.tell_anomaly);
+        if set.is_ready() {
+            self.wait = None;
+        }
+        self.failed = matches!(set, Poll::Ready(Some(Err(_))));
+        set.map_ok(|set| FrameSet {
+            time_us: set.time_us(),
+            images: views(set),
+        })
+    }
+
+    /// Takes capture times that begin anew, as those of a station that has restarted: the images
+    /// that wait for others are dropped, and the wait for a silent camera begins anew.
+    pub fn begin_times_anew(&mut self) {
+        self.shared.state().matching.begin_anew();
+        self.wait = None;
     }
 }
 
@@ -345,19 +328,11 @@ impl Iterator for LiveCameras {
     type Item = Result<FrameSet, InputError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.failed {
-            return None;
+        loop {
+            if let Poll::Ready(set) = self.next_within(self.patience) {
+                return set;
+            }
         }
-        let set = self.wait()?;
-        let losses = std::mem::take(&mut self.shared.state().losses);
-        losses.iter().for_each(&mut self.tell);
-        let anomalies = std::mem::take(&mut self.shared.state().anomalies);
-        anomalies.iter().for_each(&mut self.tell_anomaly);
-        self.failed = set.is_err();
-        Some(set.map(|set| FrameSet {
-            time_us: set.time_us(),
-            images: views(set),
-        }))
     }
 }
 

@@ -98,6 +98,16 @@ impl<P> Matching<P> {
         }
     }
 
+    /// Takes times from now on that may be earlier than those so far. The images that wait are
+    /// dropped as ones without partners.
+    pub fn begin_anew(&mut self) {
+        for (waiting, counts) in self.waiting.iter_mut().zip(&mut self.counts) {
+            counts.unmatched += waiting.len() as u64;
+            waiting.clear();
+        }
+        self.latest_us.fill(None);
+    }
+
     /// Adds an image that has arrived. The image of a camera that does not exist is ignored.
     pub fn push(&mut self, camera: usize, time_us: u64, picture: P) {
         let (Some(latest), Some(counts)) =

@@ -15,6 +15,9 @@
 //!   triggers do. A camera that left a trigger out does not count it, so the image after such a gap
 //!   is not used: it may as well be a late image of an earlier trigger.
 //!
+//! Triggers may come later than at even intervals, by up to a sixteenth of a period
+//! ([`Triggers::with_wait`]): each has bounds of its own, so that this widens none.
+//!
 //! The capture time is the trigger's instant on the station's own clock; none of the times above
 //! goes into it.
 
@@ -61,6 +64,13 @@ impl Triggers {
         }
     }
 
+    /// Sets the time by which a trigger may come later than at even intervals, µs: less than an
+    /// eighth of the period.
+    pub fn with_wait(self, wait_us: u32) -> Self {
+        self.reports().wait_us = wait_us.into();
+        self
+    }
+
     /// Takes a report that came at `heard`.
     pub fn report(&self, number: u32, instant_us: u64, heard: Instant) {
         let heard_us = self.host_us(heard);
@@ -82,6 +92,11 @@ impl Triggers {
     /// Returns the number of triggers since the station began to count.
     pub fn given(&self) -> u32 {
         self.reports().newest().map_or(0, |newest| newest.number)
+    }
+
+    /// Returns the number of reports that have come so far, of all counts of the station.
+    pub fn heard(&self) -> u64 {
+        self.reports().heard
     }
 
     /// Forgets the triggers and images so far: the station begins to count.

@@ -229,6 +229,27 @@ fn silent_or_distant_cameras_are_named() {
     sending.join().unwrap();
 }
 
+/// A caller that looks at something else between two short waits finds a silent camera all the same.
+#[test]
+fn short_waits_add_up() {
+    let mut bench = bench();
+    bench.live.patience = Duration::from_secs(1);
+    bench.send(0, 100, 0);
+    bench.settle([1, 0, 0]);
+    let mut pending = 0;
+    let found = loop {
+        match bench.live.next_within(Duration::from_millis(20)) {
+            Poll::Pending => pending += 1,
+            Poll::Ready(found) => break found,
+        }
+    };
+    assert!(pending > 0);
+    let error = found.unwrap().unwrap_err().to_string();
+    assert!(error.contains("no image for"), "{error}");
+    let after = bench.live.next_within(Duration::ZERO);
+    assert!(matches!(after, Poll::Ready(None)));
+}
+
 #[test]
 fn stop_ends_frame_sets() {
     let mut bench = bench();

@@ -62,7 +62,7 @@ impl Placed {
         }
     }
 
-    /// Counts what is wrong with the image, and returns it in words if people should know it.
+    /// Counts what is wrong with the image, and returns it in words if it is worth a warning.
     pub fn count(self, tally: &mut Tally) -> Option<String> {
         let place = match self {
             Self::Stamp(time_us) => {

@@ -347,3 +347,18 @@ fn sets_not_taken_in_time_are_overtaken() {
         assert_eq!(*counts, wanted);
     }
 }
+
+/// A station that restarts begins its clock anew.
+#[test]
+fn earlier_times_count_after_a_new_beginning() {
+    let mut matching = Matching::new(2, 0);
+    matching.push(0, 9_000, 'a');
+    matching.begin_anew();
+    for (camera, picture) in [(0, 'b'), (1, 'c')] {
+        matching.push(camera, 100, picture);
+    }
+    let set = matching.take().expect("a set");
+    assert_eq!(set.pictures, [Some((100, 'b')), Some((100, 'c'))]);
+    assert_eq!(matching.counts()[0].unmatched, 1);
+    assert_eq!(matching.counts()[0].disordered, 0);
+}

@@ -104,7 +104,9 @@ impl Count {
             return Some(Place::Before);
         };
         let until = newest.here.map(|here| here.until(shot.at_us));
-        if until.is_some_and(|until| until.to_us - period_us >= delays.from_us) {
+        // The newest may have come late, and the next one may not.
+        let next_us = period_us - reports.wait_us;
+        if until.is_some_and(|until| until.to_us - next_us >= delays.from_us) {
             // The next trigger may be nearer, and is not reported yet.
             if is_last {
                 self.doubt();

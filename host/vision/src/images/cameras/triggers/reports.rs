@@ -45,9 +45,13 @@ pub struct Learner {
 #[derive(Debug)]
 pub struct Reports {
     pub period_us: i64,
+    /// Longest time by which a trigger comes later than at even intervals.
+    pub wait_us: i64,
     /// Number of times that the station has begun to count.
     pub starts: u64,
     pub given: VecDeque<Given>,
+    /// Number of reports that have come.
+    pub heard: u64,
     pub cameras: Vec<Learner>,
     /// Least lead of this computer's clock, and when it was found, µs.
     least: Option<(i64, i64)>,
@@ -57,8 +61,10 @@ impl Reports {
     pub fn new(period_us: i64) -> Self {
         Self {
             period_us,
+            wait_us: 0,
             starts: 0,
             given: VecDeque::new(),
+            heard: 0,
             cameras: Vec::new(),
             least: None,
         }
@@ -99,6 +105,7 @@ impl Reports {
     }
 
     pub fn add(&mut self, number: u32, instant_us: i64, heard_us: i64) {
+        self.heard += 1;
         let last = self.given.back().copied();
         if last.is_some_and(|last| number <= last.number) {
             // The station counts anew.
@@ -132,17 +139,21 @@ impl Reports {
     }
 
     /// Adds the triggers between two of which the reports were lost on the line: they came at even
-    /// intervals.
+    /// intervals, or later by the wait.
     fn add_lost(&mut self, last: Given, next: Given) {
         let gap = i64::from(next.number - last.number);
         let between = |from: i64, to: i64, n: i64| from + (to - from) * n / gap;
         let lost = (gap - KEPT as i64).max(1)..gap;
+        let wait_us = self.wait_us;
         self.given.extend(lost.map(|n| Given {
             number: last.number + n as u32,
             instant_us: between(last.instant_us, next.instant_us, n),
-            here: last.here.zip(next.here).map(|(from, to)| Span {
-                from_us: between(from.from_us, to.from_us, n),
-                to_us: between(from.to_us, to.to_us, n),
+            here: last.here.zip(next.here).map(|(from, to)| {
+                let even = Span {
+                    from_us: between(from.from_us, to.from_us, n),
+                    to_us: between(from.to_us, to.to_us, n),
+                };
+                even.wider(wait_us)
             }),
             is_reported: false,
         }));

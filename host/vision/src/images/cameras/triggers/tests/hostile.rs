@@ -90,6 +90,7 @@ proptest! {
         fates in prop::collection::vec((fate(), -4..=4_i64), 200),
         line in prop::collection::vec((0..40_u8, 0..400_i64, 0..60_000_i64, 0..30_u8), 203),
         drift_ppm in -100..=100_i64,
+        waits in prop::option::of(prop::collection::vec(0..=16_i64, 203)),
     ) {
         let period_us = 1_000_000 / i64::from(rate_hz);
         let delay_us = period_us * delay_share / 100;
@@ -101,13 +102,16 @@ proptest! {
                 fates[n].0 = Fate::Good;
             }
         }
+        bench.reports.wait_us = waits.as_ref().map_or(0, |_| period_us / 16);
+        let wait_us = |n: usize| waits.as_ref().map_or(0, |waits| period_us * waits[n - 1] / 256);
         let mut stood_us = 0;
         let mut reports = Vec::new();
         for (n, (kind, stood_share, slow_us, loss)) in (1_i64..).zip(&line) {
             if *kind == 0 {
                 stood_us += period_us * stood_share / 100;
             }
-            let here_us = n * period_us + n * period_us * drift_ppm / 1_000_000 + stood_us;
+            let here_us = n * period_us + n * period_us * drift_ppm / 1_000_000 + stood_us
+                + wait_us(n as usize);
             let took_us = match kind {
                 1 => *slow_us,
                 _ => 100 + slow_us / 200,
@@ -119,7 +123,7 @@ proptest! {
         let mut waiting: VecDeque<_> = images(&taken_us, &fates, delay_us, period_us).into();
         let mut places = Vec::new();
         for (n, here_us, took_us, is_lost, is_pinged) in &reports {
-            let instant_us = bench.instant_us(*n);
+            let instant_us = bench.instant_us(*n) + wait_us(*n as usize);
             if *is_pinged {
                 bench.reports.pinged(here_us - 1_000 - took_us, instant_us - 1_000);
             }
