@@ -266,3 +266,66 @@ fn fast_figure_needs_a_wider_unseen_bound() {
     assert!(wide < 5.0 && default > 10.0, "{wide} {default}");
     assert_eq!(wide.to_bits(), none.to_bits());
 }
+
+/// Returns a Lissajous figure with these frequencies, relative to each other, that starts with
+/// `peak_mm_s`.
+fn figure(
+    amplitude_mm: [f64; 3],
+    ratio: [f64; 3],
+    peak_mm_s: f64,
+) -> impl Fn(f64) -> [f64; 3] + Copy {
+    let length = |i: usize| (amplitude_mm[i] * ratio[i]).powi(2);
+    let omega = peak_mm_s / (0..3).map(length).sum::<f64>().sqrt();
+    move |t| std::array::from_fn(|i| amplitude_mm[i] * (ratio[i] * omega * t).sin())
+}
+
+/// The target always accelerates, by up to 50 mm/s². With measurements good to a few µm, and with
+/// the usual ones, whose sigma of z is 0.03 mm.
+#[test]
+fn turning_points_are_followed() {
+    for (noise, bound) in [(0.1, [0.01; 3]), (1.0, [0.04, 0.06, 0.05])] {
+        for seed in SEEDS {
+            let mut chase = Chase::new(seed);
+            chase.noise = noise;
+            let run = chase.follow(figure([15.0, 10.0, 8.0], [2.0, 3.0, 1.0], 40.0), 10.0);
+            let rms = run.rms(1.0);
+            println!("40 mm/s, noise {noise}: rms {rms:.4?} mm");
+            assert!(each(bound, rms), "{rms:?}");
+        }
+    }
+}
+
+#[test]
+fn figure_is_followed_at_30_noisy_late_frames() {
+    for seed in SEEDS {
+        let mut chase = Chase::new(seed);
+        chase.frames_per_s = 30.0;
+        chase.latency_us = 40_000;
+        let run = chase.follow(lissajous, 14.0);
+        let rms = run.rms(1.0);
+        println!("30 frames per second: rms {rms:.4?} mm");
+        assert!(each([0.03, 0.06, 0.06], rms), "{rms:?}");
+    }
+}
+
+/// From ten periods on, along x and y.
+#[test]
+fn vibration_is_learned_within_ten_periods() {
+    for (per_s, mm) in [(5.0, 1.0), (4.0, 1.0), (3.0, 1.0)] {
+        for seed in SEEDS {
+            let run = Chase::new(seed).follow(
+                move |t| {
+                    [
+                        mm * (TAU * per_s * t).sin(),
+                        mm * (TAU * per_s * t).sin(),
+                        0.0,
+                    ]
+                },
+                10.0 / per_s + 3.0,
+            );
+            let rms = run.rms(10.0 / per_s);
+            println!("±{mm} mm at {per_s} Hz: rms {rms:.4?} mm");
+            assert!(each([0.02; 3], rms), "{rms:?}");
+        }
+    }
+}

@@ -10,9 +10,9 @@
 //! callbacks, no `dyn`, no `async`. Time is an argument, and every action is a return value. The
 //! same calls give the same bits on every machine.
 //!
-//! *Invariant:* from [`frame`] to [`steps`] everything is integer arithmetic, except the filter in
-//! [`track`]: its deviations and velocities are `f32`, with `+ - * /` in a fixed order, which give
-//! the same bits everywhere; its positions are integers, too. Other floating point is in [`rig`],
+//! *Invariant:* from [`frame`] to [`steps`] everything is integer arithmetic, except the filters in
+//! [`track`]: their deviations and velocities are `f32`, with `+ - * /` in a fixed order, which give
+//! the same bits everywhere; their positions are integers, too. Other floating point is in [`rig`],
 //! in the accumulating half of [`sums`] and in the `solve` functions of [`estimate`], none of which
 //! the station runs.
 //!
@@ -43,7 +43,7 @@
 //! use trinocular_core::track::pursuit::{Measurement, Pursuit, Settings};
 //!
 //! // A target at 2 steps/ms, measured every 20 ms with a variance of 0.1 steps².
-//! let limits = [KinematicLimits { speed: 8.0, acceleration: 0.16 }; 3];
+//! let limits = [KinematicLimits { speed: 8.0, acceleration: 0.16, jerk: 0.004 }; 3];
 //! let mut pursuit = Pursuit::default();
 //! for k in 0..50u64 {
 //!     let capture = Instant::from_micros(20_000 * k);

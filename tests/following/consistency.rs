@@ -11,6 +11,7 @@ use trinocular_rig::random::Random;
 const REACH: KinematicLimits = KinematicLimits {
     speed: 8.0,
     acceleration: 0.16,
+    jerk: 0.004,
 };
 
 /// Frame interval at 60 frames/s, ms.
@@ -155,7 +156,8 @@ fn filter_has_same_bits_everywhere() {
     let mut random = Random::seeded(13);
     let mut pursuit = Pursuit::default();
     let mut hash = 0xcbf2_9ce4_8422_2325u64;
-    let mut outliers = 0;
+    let (mut outliers, mut swinging) = (0, 0);
+    let mut swing = [0.0; 3];
     let (mut now, mut speed, mut place) = (0, [0.0; 3], [0.0; 3]);
     for k in 0..10_000 {
         let us = 1_000 + random.below(30_000) as u64;
@@ -166,17 +168,33 @@ fn filter_has_same_bits_everywhere() {
         for (place, speed) in place.iter_mut().zip(speed) {
             *place += speed * us as f64 * 1e-3;
         }
+        // From one half to the next, the target swings as well.
+        if k / 1_000 % 2 == 1 {
+            let turn = now as f64 * 1e-6 * std::f64::consts::TAU;
+            for (swing, per_s) in swing.iter_mut().zip([0.3, 1.0, 4.0]) {
+                *swing = 40.0 * (turn * per_s).sin();
+            }
+        }
         let wild = if random.below(100) == 0 { 1_000.0 } else { 1.0 };
         let measurement = Measurement {
             capture: Instant::from_micros(now),
-            position: place.map(|p| fine(p + wild * random.gaussian())),
+            position: std::array::from_fn(|i| fine(place[i] + swing[i] + wild * random.gaussian())),
             variance: [0.5 + random.unit() as f32; 3],
         };
         let arrived = Instant::from_micros(now + 20_000);
         let taken = pursuit.measure(arrived, &measurement, &[REACH; 3], &Settings::DEFAULT);
         outliers += u32::from(taken.is_err());
         let aims = pursuit.aim(arrived, &[REACH; 3], &Settings::DEFAULT);
-        for aim in aims.expect("a target is in sight") {
+        let mut aims = aims.expect("a target is in sight").to_vec();
+        for tick in 1..us / 1_000 {
+            let at = arrived.plus_micros(1_000 * tick);
+            let stage = measurement.position;
+            pursuit.work(&[REACH; 3]);
+            let swings = pursuit.swing(at, stage, &[REACH; 3], &Settings::DEFAULT);
+            aims.extend(swings.into_iter().flatten());
+        }
+        swinging += aims.len() - 3;
+        for aim in aims {
             let words = [
                 aim.position.cast_unsigned(),
                 u64::from(aim.velocity.to_bits()),
@@ -186,10 +204,11 @@ fn filter_has_same_bits_everywhere() {
             }
         }
     }
-    println!("{outliers} outliers, {hash:#018x}");
+    println!("{outliers} outliers, {swinging} goals of oscillators, {hash:#018x}");
+    assert!(swinging > 1_000);
     assert!((20..1_000).contains(&outliers));
     assert_eq!(hash, GOLDEN, "{hash:#018x}");
 }
 
 /// FNV-1a hash of all aims, computed on an x86-64.
-const GOLDEN: u64 = 0x08a1_1878_0dc8_0cb2;
+const GOLDEN: u64 = 0x1b26_ab10_8434_3fbb;

@@ -180,6 +180,7 @@ fn reach(axis: AxisConfig) -> KinematicLimits {
     KinematicLimits {
         speed: axis.max_speed_um_s as f32 * steps_per_um * 1e-3,
         acceleration: axis.max_acceleration_um_s2 as f32 * steps_per_um * 1e-6,
+        jerk: axis.max_jerk_um_s3 as f32 * steps_per_um * 1e-9,
     }
 }
 

@@ -3,7 +3,8 @@
 use super::Machine;
 use crate::estimate::{DisplacementNm, Gate, Refusal, closed_form, midpoint};
 use crate::frame::message::{Denial, EstimateReport, Frame, Sums};
-use crate::safety::State;
+use crate::motion::Planner;
+use crate::safety::{Inputs, State};
 use crate::steps::Position;
 use crate::time::Instant;
 use crate::track::history::Unknown;
@@ -68,6 +69,9 @@ impl Machine {
                 error: view.target([0; 3]),
                 variance: measurement.variance,
             };
+            self.tracker
+                .pursuit
+                .doubt_stage(&sample.error, &bounds.unseen);
             let advice = self.tracker.watch.see(&sample, used, bounds);
             self.heed(advice);
             if matches!(advice, Advice::Fail(_)) {
@@ -141,29 +145,63 @@ impl Machine {
         else {
             return;
         };
-        let slots = planner.limits().word_rate().slots_per_tick();
-        let (mut targets, mut speeds) = (planner.loads(), [0; 3]);
-        let axes = targets.iter_mut().zip(&mut speeds).zip(aims);
-        let bounds = planner.limits().axes().iter().zip(self.inputs.limits);
-        for (((target, speed), aim), (limits, [negative, positive])) in axes.zip(bounds) {
-            let wanted = resting_or_moving(aim);
-            if (negative && wanted < *target) || (positive && wanted > *target) {
-                continue; // a tripped switch: stays
-            }
-            *target = wanted;
-            // Beyond a soft limit the planner moves only to the limit and rests there.
-            let [low, high] = limits.range();
-            if (low..high).contains(&wanted.whole_steps()) {
-                *speed = per_slot(aim.velocity, slots);
+        let loads = planner.loads();
+        for ((axis, aim), load) in aims.into_iter().enumerate().zip(loads) {
+            send(planner, (axis, load), aim, &self.inputs);
+        }
+    }
+
+    /// Does a tick's share of the work on the target, and renews the goals of the axes that an
+    /// oscillator leads. For ticks without a frame.
+    pub(super) fn swing(&mut self) {
+        if self.state != State::Following {
+            return;
+        }
+        let at = self.first_word();
+        let (Some(active), Some(planner)) = (&self.active, &mut self.planner) else {
+            return;
+        };
+        let pursuit = &mut self.tracker.pursuit;
+        pursuit.work(&active.reach);
+        if self.tracker.watch.holds() {
+            return;
+        }
+        let loads = planner.loads();
+        let stage = loads.map(Position::distance_from_zero);
+        let aims = pursuit.swing(at, stage, &active.reach, &active.config.tracking);
+        for ((axis, aim), load) in aims.into_iter().enumerate().zip(loads) {
+            if let Some(aim) = aim {
+                send(planner, (axis, load), aim, &self.inputs);
             }
         }
-        planner.follow(targets, speeds);
     }
 
     /// Returns the instant at which the first word of the coming tick is on the pins.
     fn first_word(&self) -> Instant {
         self.now().plus_micros(u64::from(self.board.delay_us))
     }
+}
+
+/// Sends the axis of this number, whose load is at `load`, after the target. At a switch that is tripped towards the goal, the axis stays.
+/// Beyond a soft limit it moves only to the limit and rests there.
+fn send(planner: &mut Planner, (number, load): (usize, Position), aim: Aim, inputs: &Inputs) {
+    let (Some(limits), Some([negative, positive])) = (
+        planner.limits().axes().get(number),
+        inputs.limits.get(number),
+    ) else {
+        return;
+    };
+    let wanted = resting_or_moving(aim);
+    if (*negative && wanted < load) || (*positive && wanted > load) {
+        planner.follow_axis(number, load, 0);
+        return;
+    }
+    let [low, high] = limits.range();
+    let mut speed = 0;
+    if (low..high).contains(&wanted.whole_steps()) {
+        speed = per_slot(aim.velocity, planner.limits().word_rate().slots_per_tick());
+    }
+    planner.follow_axis(number, wanted, speed);
 }
 
 /// Converts the aim to a position: a resting target lies in the middle of a step, a moving one

@@ -402,6 +402,9 @@ impl Machine {
             self.answer(packet.sequence, outcome);
         }
         self.check_sight();
+        if !followed {
+            self.swing();
+        }
         self.go_on_homing();
         self.settle();
         self.rest_motors();

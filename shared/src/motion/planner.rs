@@ -172,18 +172,27 @@ impl Planner {
         self.aim(targets, speeds, true);
     }
 
+    /// Follows a moving target with the axis of this number alone, as [`Planner::follow`] does. The
+    /// others keep their goals.
+    pub fn follow_axis(&mut self, number: usize, target: Position, speed: i64) {
+        self.aim_axis(number, target, speed, true);
+    }
+
     fn aim(&mut self, targets: [Position; AXES], speeds: [i64; AXES], follows: bool) {
-        // Halves, because these have 32 bits, which a Cortex-M4 divides in hardware.
-        let half_quantum = self.speed_quantum() / 2;
-        let quanta = |speed: i64| {
-            let size = quotient(speed.saturating_abs() >> 1, half_quantum);
-            if speed < 0 { -size } else { size }
-        };
+        for (number, (target, speed)) in targets.into_iter().zip(speeds).enumerate() {
+            self.aim_axis(number, target, speed, follows);
+        }
+    }
+
+    fn aim_axis(&mut self, number: usize, target: Position, speed: i64, follows: bool) {
         self.line = None;
-        let axes = self.axes.iter_mut().zip(&mut self.backlashes);
-        for ((axis, backlash), (target, speed)) in axes.zip(targets.into_iter().zip(speeds)) {
+        // Halves, because these have 32 bits, which a Cortex-M4 divides in hardware.
+        let size = quotient(speed.saturating_abs() >> 1, self.speed_quantum() / 2);
+        let quanta = if speed < 0 { -size } else { size };
+        let axis = self.axes.get_mut(number);
+        if let (Some(axis), Some(backlash)) = (axis, self.backlashes.get_mut(number)) {
             let target = axis.limits.clamp(target);
-            axis.aim(backlash.aim(target, follows), quanta(speed));
+            axis.aim(backlash.aim(target, follows), quanta);
         }
     }
 

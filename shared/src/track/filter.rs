@@ -86,6 +86,8 @@ pub struct KinematicLimits {
     pub speed: f32,
     /// Highest acceleration, steps/ms².
     pub acceleration: f32,
+    /// Highest jerk, steps/ms³.
+    pub jerk: f32,
 }
 
 /// Covariance of position and velocity, in steps and ms.
@@ -348,9 +350,10 @@ mod tests {
     use proptest::prelude::*;
 
     fn any_reach() -> impl Strategy<Value = KinematicLimits> {
-        any::<[f32; 2]>().prop_map(|[speed, acceleration]| KinematicLimits {
+        any::<[f32; 3]>().prop_map(|[speed, acceleration, jerk]| KinematicLimits {
             speed,
             acceleration,
+            jerk,
         })
     }
 

@@ -17,10 +17,12 @@
 //! refused, so that a lost frame can never shift the target unnoticed.
 //!
 //! The result is the position of the target at the capture, with noise. [`pursuit`] computes from
-//! it the present goal of the stage; each of its axes is a Kalman [`filter`].
+//! it the present goal of the stage; each of its axes is a Kalman [`filter`], and an [`oscillator`]
+//! for targets that accelerate.
 
 pub mod filter;
 pub mod history;
+pub mod oscillator;
 pub mod pursuit;
 pub mod watch;
 

@@ -18,6 +18,13 @@
 //! filter's [velocity uncertainty](Filter::velocity_uncertainty): nearly all of a steady motion,
 //! nearly nothing of noise or of a target that is braking hard. The share is low-pass filtered.
 //!
+//! # A target that accelerates or swings
+//! The filter lags behind a target that accelerates. So each axis has an
+//! [`Oscillator`](super::oscillator::Oscillator) as well, which learns from the same measurements,
+//! in the ticks after a frame ([`Pursuit::work`]). While it predicts better than the filter, it
+//! leads the axis: its goals follow the curve, a new one in every tick ([`Pursuit::swing`]).
+//! Everything else remains the filter's: gate, jumps, rest, and coasting.
+//!
 //! # A still target
 //! While the speed is less than three of its sigmas (once in motion: one and a half) the axis rests
 //! in a whole step, and the measurements are averaged, up to a second's worth. The axis goes to
@@ -32,28 +39,15 @@
 //! beyond that agree. The limits of the axes hold as for any motion.
 
 mod axis;
+mod swing;
+mod target;
 
 use super::StepVector;
-use super::filter::{Filter, KinematicLimits, steps, within};
+use super::filter::{Filter, KinematicLimits, steps};
 use crate::time::Instant;
 use axis::TrackedAxis;
 use serde::{Deserialize, Serialize};
-
-/// Time without a measurement after which the target counts as out of sight, ms.
-const SIGHT_MS: f32 = 100.0;
-
-/// Number of mean periods without a measurement after which the target counts as out of sight, if
-/// that is longer than [`SIGHT_MS`].
-const SIGHT_PERIODS: f32 = 2.5;
-
-/// Longest mean period of the measurements, ms.
-const MOST_PERIOD_MS: f32 = 1_000.0;
-
-/// Low-pass gain of the mean period, per measurement.
-const INTERVAL: f32 = 0.125;
-
-/// Longest time since the last frame in which full acceleration explains a displacement, ms.
-const RECENT_MS: f32 = 34.0;
+use target::Target;
 
 /// Settings of tracking. Part of the station's configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -96,7 +90,7 @@ pub enum Sight {
 pub struct Outlier;
 
 /// Measured position of the target.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measurement {
     /// Capture time.
     pub capture: Instant,
@@ -115,25 +109,13 @@ pub struct Aim {
     pub velocity: f32,
 }
 
-/// The target that the stage follows.
-#[derive(Clone, Debug)]
-struct Target {
-    axes: [TrackedAxis; 3],
-    /// Capture time of the last measurement.
-    capture: Instant,
-    /// Instant at which that measurement arrived.
-    heard: Instant,
-    /// Mean time between measurements, ms; 0 after the first.
-    period: f32,
-    lost: bool,
-}
-
 /// Target that the stage follows, and its last outlier.
 #[derive(Clone, Debug, Default)]
 pub struct Pursuit {
     target: Option<Target>,
-    /// The last outlier, if no measurement was accepted since.
-    suspect: Option<Measurement>,
+    /// The last outlier if no measurement was accepted since ([`Target::is_suspect`]), else the
+    /// measurement from which the oscillators learn.
+    last: Measurement,
 }
 
 impl Pursuit {
@@ -156,20 +138,31 @@ impl Pursuit {
             Some(target) => target.take_in(measurement, reach, settings),
         };
         if !is_plausible {
-            let Some(axes) = self.jump(measurement, reach) else {
-                self.suspect = Some(*measurement);
-                return Err(Outlier);
-            };
+            let axes = self.jump(measurement, reach);
             if let Some(target) = &mut self.target {
+                let Some(axes) = axes else {
+                    self.last = *measurement;
+                    target.is_suspect = true;
+                    target.unlearned = 0;
+                    return Err(Outlier);
+                };
                 target.axes = axes;
             }
         }
-        self.suspect = None;
         if let Some(target) = &mut self.target {
             target.count_interval(measurement.capture);
             target.capture = measurement.capture;
             target.heard = now;
             target.lost = false;
+            target.is_suspect = false;
+            // The oscillators learn in the ticks after this one. While they are still at the
+            // measurement before, that one goes on: frames in every tick are thinned out.
+            if target.unlearned > 0 {
+                target.learn(&self.last, reach);
+            } else {
+                self.last = *measurement;
+                target.unlearned = 3;
+            }
         }
         Ok(())
     }
@@ -180,7 +173,8 @@ impl Pursuit {
         measurement: &Measurement,
         reach: &[KinematicLimits; 3],
     ) -> Option<[TrackedAxis; 3]> {
-        let suspect = self.suspect.as_ref()?;
+        let is_suspect = self.target.as_ref()?.is_suspect;
+        let suspect = is_suspect.then_some(&self.last)?;
         let dt = milliseconds(measurement.capture.since(suspect.capture));
         if !(dt > 0.0) {
             return None;
@@ -196,7 +190,10 @@ impl Pursuit {
             let way = steps(position.saturating_sub(before));
             let most = reach.speed * dt;
             let near = way * way <= most * most + 25.0 * (variances[0] + variances[1]);
-            near.then(|| TrackedAxis::new(Filter::restart(before, position, dt, variances, reach)))
+            near.then(|| {
+                let filter = Filter::restart(before, position, dt, variances, reach);
+                TrackedAxis::new(filter, measurement.capture, reach)
+            })
         });
         Some([x?, y?, z?])
     }
@@ -210,13 +207,71 @@ impl Pursuit {
     ) -> Option<[Aim; 3]> {
         let target = self.target.as_mut().filter(|target| !target.lost)?;
         let lead = milliseconds(at.since(target.capture));
-        let ([x, y, z], [rx, ry, rz]) = (&mut target.axes, *reach);
-        let prediction = settings.prediction;
-        Some([
-            x.aim(lead, prediction, rx),
-            y.aim(lead, prediction, ry),
-            z.aim(lead, prediction, rz),
-        ])
+        target.lead = lead;
+        let horizon = target.horizon();
+        let mut aims = [Aim::default(); 3];
+        let axes = target.axes.iter_mut().zip(reach);
+        for (aim, (axis, reach)) in aims.iter_mut().zip(axes) {
+            axis.decide(settings.prediction, *reach);
+            axis.swings = settings.prediction && axis.swing.leads(at, horizon);
+            *aim = match axis.swings {
+                true => axis.swing.aim(at, *reach),
+                false => axis.plain(lead),
+            };
+        }
+        Some(aims)
+    }
+
+    /// Does a tick's share of the work for which a frame's tick has no time: one oscillator learns
+    /// from the last measurement.
+    pub fn work(&mut self, reach: &[KinematicLimits; 3]) {
+        if let Some(target) = &mut self.target {
+            target.learn(&self.last, reach);
+        }
+    }
+
+    /// Gives the lead to the filter on each axis on which the target is farther away (`error`) than
+    /// a quarter of the largest motion without approach (`unseen`; zero disables it). A stage that
+    /// lost its steps makes a target run away, and an oscillator would chase it ever faster.
+    pub fn doubt_stage(&mut self, error: &StepVector, unseen: &StepVector) {
+        let Some(target) = &mut self.target else {
+            return;
+        };
+        for (axis, (error, unseen)) in target.axes.iter_mut().zip(error.iter().zip(unseen)) {
+            if *unseen > 0 && error.saturating_abs() > unseen >> 2 {
+                axis.swing.yield_lead();
+            }
+        }
+    }
+
+    /// Computes the goals at `at` of the axes that an oscillator leads. `stage` is the stage's
+    /// position then.
+    pub fn swing(
+        &mut self,
+        at: Instant,
+        stage: StepVector,
+        reach: &[KinematicLimits; 3],
+        settings: &Settings,
+    ) -> [Option<Aim>; 3] {
+        let mut aims = [None; 3];
+        let target = self.target.as_mut().filter(|target| !target.lost);
+        let Some(target) = target.filter(|_| settings.prediction) else {
+            return aims;
+        };
+        let horizon = target.horizon();
+        let lead = milliseconds(at.since(target.capture));
+        let axes = target.axes.iter_mut().zip(stage).zip(reach);
+        for (aim, ((axis, stage), reach)) in aims.iter_mut().zip(axes) {
+            if !axis.swings {
+                continue;
+            }
+            axis.swings = axis.swing.leads(at, horizon);
+            *aim = Some(match axis.swings {
+                true => axis.swing.steer(at, stage, *reach),
+                false => axis.plain(lead),
+            });
+        }
+        aims
     }
 
     /// Checks for the loss of the target; returns `true` once per loss.
@@ -224,6 +279,10 @@ impl Pursuit {
         match &mut self.target {
             Some(target) if !target.lost => {
                 target.lost = now.since(target.heard) > u64::from(settings.coast_ms) * 1000;
+                if target.lost {
+                    let axes = target.axes.iter_mut();
+                    axes.for_each(|axis| axis.swing.yield_lead());
+                }
                 target.lost
             }
             _ => false,
@@ -245,69 +304,6 @@ impl Pursuit {
         self.target
             .as_ref()
             .map_or(0, |target| now.since(target.capture))
-    }
-}
-
-impl Target {
-    fn new(measurement: &Measurement, reach: &[KinematicLimits; 3], now: Instant) -> Self {
-        let [px, py, pz] = measurement.position;
-        let [vx, vy, vz] = measurement.variance;
-        let [rx, ry, rz] = *reach;
-        let first =
-            |position, variance, reach| TrackedAxis::new(Filter::new(position, variance, reach));
-        Self {
-            axes: [first(px, vx, rx), first(py, vy, ry), first(pz, vz, rz)],
-            capture: measurement.capture,
-            heard: now,
-            period: 0.0,
-            lost: false,
-        }
-    }
-
-    /// Updates the mean period with the time since the last measurement, unless the target was
-    /// lost.
-    fn count_interval(&mut self, capture: Instant) {
-        if self.lost {
-            return;
-        }
-        let interval = milliseconds(capture.since(self.capture));
-        let share = if self.period > 0.0 { INTERVAL } else { 1.0 };
-        self.period += (interval - self.period) * share;
-    }
-
-    /// Returns true if the last measurement is as recent as the frame rate allows.
-    fn is_in_sight(&self, now: Instant) -> bool {
-        let longest = within(SIGHT_PERIODS * self.period, SIGHT_MS, MOST_PERIOD_MS);
-        // Whole µs, below 2^20.
-        now.since(self.heard) <= (longest * 1_000.0) as u64
-    }
-
-    /// Updates the filters with a measurement. Returns false and changes nothing if it is an
-    /// outlier.
-    fn take_in(
-        &mut self,
-        measurement: &Measurement,
-        reach: &[KinematicLimits; 3],
-        settings: &Settings,
-    ) -> bool {
-        let dt = milliseconds(measurement.capture.since(self.capture));
-        // Search for a lost target where it was lost.
-        let ahead = within(dt, 0.0, f32::from(settings.coast_ms));
-        let recent = within(dt, 0.0, RECENT_MS);
-        let mut filters = self.axes.each_ref().map(|axis| axis.filter);
-        let seen = measurement.position.iter().zip(&measurement.variance);
-        for ((filter, (position, variance)), reach) in filters.iter_mut().zip(seen).zip(reach) {
-            filter.predict(ahead);
-            if !filter.admits(*position, *variance, recent, *reach) {
-                return false;
-            }
-            filter.update(*position, *variance, ahead, *reach);
-        }
-        let seen = measurement.position.into_iter().zip(measurement.variance);
-        for ((axis, filter), (position, variance)) in self.axes.iter_mut().zip(filters).zip(seen) {
-            axis.go_on(filter, position, variance);
-        }
-        true
     }
 }
 

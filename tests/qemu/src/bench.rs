@@ -62,6 +62,7 @@ pub fn run() -> Result<(), Failure> {
     estimators(&mut counter, &mut table);
     wire(&mut counter, &mut table);
     tracking(&mut counter, &mut table);
+    swinging(&mut counter, &mut table)?;
     watching(&mut counter, &mut table);
     let word = generator(&mut counter, &mut table)?;
     planner(&mut counter, &mut table)?;
@@ -155,6 +156,7 @@ fn tracking(counter: &mut Counter, table: &mut Table) {
     let reach = KinematicLimits {
         speed: 8.0,
         acceleration: 0.16,
+        jerk: 0.004,
     };
     let (settings, mut pursuit) = (Settings::DEFAULT, Pursuit::default());
     let mut seen = Measurement {
@@ -173,15 +175,79 @@ fn tracking(counter: &mut Counter, table: &mut Table) {
             // Until the filter is steady.
             let _ = pursuit.measure(at, &seen, &[reach; 3], &settings);
             pursuit.aim(at, &[reach; 3], &settings);
+            (0..3).for_each(|_| pursuit.work(&[reach; 3]));
             continue;
         }
         let _ = counter.add(&mut measured, || {
             pursuit.measure(at, black_box(&seen), &[reach; 3], &settings)
         });
         counter.add(&mut aimed, || pursuit.aim(at, &[reach; 3], &settings));
+        (0..3).for_each(|_| pursuit.work(&[reach; 3]));
     }
     table.row("filter: a measurement of three axes", measured.per(1), None);
     table.row("filter: where to go by now, three axes", aimed.per(1), None);
+}
+
+/// Measures the ticks after a frame of a target that swings by 40 steps, fifteen frames a period:
+/// the one in which an oscillator learns, and those in which three oscillators lead.
+fn swinging(counter: &mut Counter, table: &mut Table) -> Result<(), Failure> {
+    // Sines of a fifteenth of a turn, steps.
+    const SWING: [i64; 15] = [
+        0, 16, 30, 38, 40, 35, 24, 8, -8, -24, -35, -40, -38, -30, -16,
+    ];
+    let reach = [KinematicLimits {
+        speed: 8.0,
+        acceleration: 0.16,
+        jerk: 0.004,
+    }; 3];
+    let (settings, mut pursuit) = (Settings::DEFAULT, Pursuit::default());
+    let (mut learned, mut led, mut most) = (Sum::default(), Sum::default(), 0);
+    for (frame, swing) in SWING.iter().cycle().take(400).enumerate() {
+        let capture = Instant::from_micros(16_000 * frame as u64);
+        let position = [swing << 32; 3];
+        let seen = Measurement {
+            capture,
+            position,
+            variance: [0.2, 0.2, 5.0],
+        };
+        let arrived = capture.plus_micros(20_000);
+        let _ = pursuit.measure(arrived, &seen, &reach, &settings);
+        pursuit.aim(arrived, &reach, &settings);
+        for tick in 1..16 {
+            let at = arrived.plus_micros(1_000 * tick);
+            let mut one = Sum::default();
+            counter.add(&mut one, || pursuit.work(black_box(&reach)));
+            if tick <= 3 {
+                most = most.max(one.per(1));
+                learned += one;
+            }
+            let mut one = Sum::default();
+            let aims = counter.add(&mut one, || {
+                pursuit.swing(at, black_box(position), &reach, &settings)
+            });
+            if aims.iter().all(Option::is_some) {
+                led += one;
+            }
+        }
+    }
+    if led.per(1) == 0 {
+        return Err(Failure("no oscillator leads"));
+    }
+    let rows = [
+        (
+            "oscillator: a measurement of one axis",
+            learned.per(1),
+            None,
+        ),
+        ("oscillator: a measurement, at most", most, Some(1_500)),
+        (
+            "oscillator: where to go in a tick, three axes",
+            led.per(1),
+            Some(1_500),
+        ),
+    ];
+    rows.map(|(name, instructions, limit)| table.row(name, instructions, limit));
+    Ok(())
 }
 
 /// Cost of the supervision of a target.

@@ -3,7 +3,9 @@
 
 use super::super::filter::{Filter, KinematicLimits, fine, steps, with_quantisation, within};
 use super::Aim;
+use super::swing::Swing;
 use crate::steps::Position;
+use crate::time::Instant;
 
 /// Low-pass gain of the velocity gain, per frame.
 const EASE: f32 = 0.4;
@@ -30,6 +32,10 @@ pub(super) struct TrackedAxis {
     rest: Option<Rest>,
     /// Velocity gain, 0 to 1.
     velocity_gain: f32,
+    /// Oscillator that leads the axis if it predicts better than the filter.
+    pub(super) swing: Swing,
+    /// True if the last goal came from the oscillator.
+    pub(super) swings: bool,
 }
 
 /// State of an axis at a still target.
@@ -76,12 +82,19 @@ impl Rest {
 }
 
 impl TrackedAxis {
-    pub(super) fn new(filter: Filter) -> Self {
+    pub(super) fn new(filter: Filter, capture: Instant, reach: KinematicLimits) -> Self {
         Self {
             filter,
             rest: None,
             velocity_gain: 0.0,
+            swing: Swing::new(&filter, capture, reach),
+            swings: false,
         }
+    }
+
+    /// Returns the velocity that the stage uses of the filter's, steps/ms.
+    pub(super) fn used_velocity(&self) -> f32 {
+        self.filter.velocity() * self.velocity_gain
     }
 
     /// Takes the filter after its update with a measurement.
@@ -92,8 +105,9 @@ impl TrackedAxis {
         }
     }
 
-    /// Computes the goal of the axis `lead` ms after the capture.
-    pub(super) fn aim(&mut self, lead: f32, prediction: bool, reach: KinematicLimits) -> Aim {
+    /// Decides by the filter whether the axis rests, and how much of the velocity is used. Without
+    /// `prediction` it rests.
+    pub(super) fn decide(&mut self, prediction: bool, reach: KinematicLimits) {
         let known = self.filter.covariance();
         let (position, velocity) = (self.filter.position(), self.filter.velocity());
         let square = velocity * velocity;
@@ -105,18 +119,25 @@ impl TrackedAxis {
             let rest = resting.unwrap_or_else(|| Rest::new(&self.filter));
             self.rest = Some(rest);
             self.velocity_gain = 0.0;
-            return Aim {
-                position: rest.step,
-                velocity: 0.0,
-            };
+            return;
         }
         self.rest = None;
         let (uncertainty, fourth) = (self.filter.velocity_uncertainty(reach), square * square);
         let wanted = fourth / (fourth + uncertainty * uncertainty);
         self.velocity_gain += (wanted - self.velocity_gain) * EASE;
-        let velocity = velocity * self.velocity_gain;
+    }
+
+    /// Returns the goal by the filter, `lead` ms after the capture.
+    pub(super) fn plain(&self, lead: f32) -> Aim {
+        if let Some(rest) = &self.rest {
+            return Aim {
+                position: rest.step,
+                velocity: 0.0,
+            };
+        }
+        let velocity = self.used_velocity();
         Aim {
-            position: position.saturating_add(fine(velocity * lead)),
+            position: self.filter.position().saturating_add(fine(velocity * lead)),
             velocity,
         }
     }

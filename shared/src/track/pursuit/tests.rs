@@ -12,6 +12,7 @@ fn any_measurement() -> impl Strategy<Value = Measurement> {
 const REACH: [KinematicLimits; 3] = [KinematicLimits {
     speed: 8.0,
     acceleration: 0.16,
+    jerk: 0.004,
 }; 3];
 
 /// Returns a measurement with the same position on all axes, `ms` ms after the start.
@@ -48,19 +49,26 @@ proptest! {
     /// Feeds any measurements, in any order and at any time.
     #[test]
     fn every_aim_is_finite(
-        reach in any::<[[f32; 2]; 3]>(), prediction: bool, coast_ms: u16,
+        reach in any::<[[f32; 3]; 3]>(), prediction: bool, coast_ms: u16,
         measurements in prop::collection::vec((any_measurement(), any::<[u64; 2]>()), 0..40),
     ) {
         let settings = Settings { prediction, coast_ms };
-        let reach = reach.map(|[speed, acceleration]| KinematicLimits { speed, acceleration });
+        let reach = reach.map(|[speed, acceleration, jerk]| KinematicLimits {
+            speed,
+            acceleration,
+            jerk,
+        });
         let mut pursuit = Pursuit::default();
         for (measurement, [now, at]) in measurements {
             let _ = pursuit.measure(Instant::from_micros(now), &measurement, &reach, &settings);
-            let aims = pursuit.aim(Instant::from_micros(at), &reach, &settings);
-            for aim in aims.into_iter().flatten() {
+            let at = Instant::from_micros(at);
+            let aims = pursuit.aim(at, &reach, &settings);
+            pursuit.work(&reach);
+            let swings = pursuit.swing(at, measurement.position, &reach, &settings);
+            for aim in aims.into_iter().flatten().chain(swings.into_iter().flatten()) {
                 prop_assert!(aim.velocity.is_finite());
             }
-            pursuit.lose(Instant::from_micros(at), &settings);
+            pursuit.lose(at, &settings);
         }
     }
 }
