@@ -232,29 +232,25 @@ impl Swing {
     /// Returns the goal, a millisecond before the target has this motion.
     fn goal(&self, motion: &Motion, reach: KinematicLimits) -> Aim {
         let most = within(reach.acceleration, 1e-6, 1e6);
-        let acceleration = within(self.gain * motion.acceleration, -most, most);
+        // A swing that has become easy since the last tick is made whole, which needs no centre.
+        let gain = match motion.jerk() > EASY * most_jerk(reach) {
+            true => self.gain,
+            false => 1.0,
+        };
+        let acceleration = within(gain * motion.acceleration, -most, most);
         let size = if acceleration < 0.0 {
             -acceleration
         } else {
             acceleration
         };
         let time = size / within(reach.jerk, 1e-9, 1e6);
-        let velocity = self.gain * motion.velocity + 0.5 * acceleration * time;
+        let velocity = gain * motion.velocity + 0.5 * acceleration * time;
         let back = acceleration * time * time * (1.0 / 6.0) + velocity;
         Aim {
             position: motion
                 .position
-                .saturating_add(fine(self.shift(motion) - back)),
+                .saturating_add(fine(shift(gain, motion) - back)),
             velocity,
-        }
-    }
-
-    /// Returns the way towards the centre that the gain takes off the swing, steps.
-    fn shift(&self, motion: &Motion) -> f32 {
-        if self.gain < 1.0 {
-            (1.0 - self.gain) * motion.acceleration / motion.stiffness
-        } else {
-            0.0
         }
     }
 
@@ -267,7 +263,7 @@ impl Swing {
             return;
         }
         let made = self.gain * self.gain * jerk;
-        let shift = self.shift(motion) - self.gain * motion.velocity;
+        let shift = shift(self.gain, motion) - self.gain * motion.velocity;
         let goal = motion.position.saturating_add(fine(shift));
         // Times the stiffness to the power of 3/2, as the jerk is the amplitude.
         let off = steps(goal.saturating_sub(load)) * motion.stiffness;
@@ -279,6 +275,16 @@ impl Swing {
         } else {
             within(self.gain * (1.0 - DECAY), LEAST_GAIN, 1.0)
         };
+    }
+}
+
+/// Returns the way towards the centre that a gain takes off a swing, steps. The swing has a
+/// stiffness if the gain is below 1.
+fn shift(gain: f32, motion: &Motion) -> f32 {
+    if gain < 1.0 {
+        (1.0 - gain) * motion.acceleration / motion.stiffness
+    } else {
+        0.0
     }
 }
 

@@ -118,3 +118,20 @@ fn gain_respects_jerk() {
     );
     assert_eq!(axis.swing.gain, 1.0);
 }
+
+/// A swing that loses its stiffness between two ticks is no division by zero.
+#[test]
+fn swing_without_stiffness_has_no_centre() {
+    let mut target = followed(sine, 16);
+    let [axis, ..] = &mut target.axes;
+    let swing = &mut axis.swing;
+    swing.gain = 0.5;
+    let motion = Motion {
+        stiffness: 0.0,
+        ..swing.next(swing.capture)
+    };
+    assert!(motion.acceleration != 0.0);
+    let aim = swing.goal(&motion, REACH);
+    let off = steps(aim.position.saturating_sub(motion.position));
+    assert!(off.abs() < 100.0 && aim.velocity.abs() < 10.0, "{aim:?}");
+}
