@@ -233,3 +233,58 @@ fn files_that_are_no_view_are_named() {
     let simulated = words(&desk, "track --sim --reference rig.toml");
     simulated.failed(2, &["--reference", "--cameras"]);
 }
+
+/// A shift across the motion, or a small one, leaves the points in agreement.
+#[test]
+fn small_shift_of_a_camera_is_told() {
+    let desk = desk_with_view();
+    write_later(&desk, same, |_, grey| grey);
+    let still = words(&desk, "estimate later --reference view.mcap --json").good_json();
+    assert_eq!(still[0]["warnings"], serde_json::Value::Null);
+    for (index, name) in CAMERAS.iter().enumerate() {
+        for shift_px in [[0.0, 0.1], [0.3, 0.45], [0.2, 0.0]] {
+            let moved = |k: usize, mut camera: Camera| {
+                if k == index {
+                    for (principal, shift) in camera.principal_px.iter_mut().zip(shift_px) {
+                        *principal += shift;
+                    }
+                }
+                camera
+            };
+            write_later(&desk, moved, |_, grey| grey);
+            let done = words(&desk, "estimate later --reference view.mcap --json");
+            let row = &done.json()[0];
+            let told = row["warnings"].to_string() + &row["refused"].to_string();
+            let is_named = told.contains("moved against the others") || told.contains(name);
+            assert!(is_named, "{name} by {shift_px:?} px: {row}");
+        }
+    }
+    let followed = words(
+        &desk,
+        "track --images later --rig rig.toml --reference view.mcap",
+    );
+    assert!(
+        followed.stderr.contains("moved against the others"),
+        "{}",
+        followed.stderr
+    );
+}
+
+#[test]
+fn view_keeps_its_regions_and_rig() {
+    let desk = desk_with_views(&[AT_REST, AT_REST]);
+    let saved = words(
+        &desk,
+        "reference views --rig rig.toml --roi middle=60,40,120,160 --out view.mcap --json",
+    );
+    let points = saved.good_json()[0]["points"].as_u64().expect("points");
+    write_later(&desk, same, |_, grey| grey);
+    for command in ["estimate later", "track --images later"] {
+        let done = words(&desk, &format!("{command} --reference view.mcap --json"));
+        let count = format!("displacements count from view.mcap, {points} points");
+        assert!(done.stderr.contains(&count), "{}", done.stderr);
+        let rows = done.good_json();
+        assert!(rows[0]["points"].as_u64() <= Some(points), "{rows:?}");
+        assert_since(&rows[0]);
+    }
+}

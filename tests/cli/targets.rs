@@ -176,3 +176,55 @@ fn regions_are_recorded_and_replayed() {
         assert!(replayed.to_string().contains("measurements"), "{replayed}");
     }
 }
+
+/// A rectangle may be in the image of any camera.
+#[test]
+fn target_may_be_chosen_in_any_camera() {
+    let desk = desk();
+    for (camera, left_px) in [("left", 125), ("right", 20)] {
+        let text = fs::read_to_string(desk.path("rig.toml")).expect("a rig file");
+        let roi = format!("roi = [{left_px}, 10, 35, 220]\ncamera = \"{camera}\"");
+        desk.write("other.toml", text.replace("roi = [75, 10, 65, 220]", &roi));
+        let rows = words(&desk, "estimate views --rig other.toml --json").good_json();
+        assert_near(&rows[0], MOVED_MM[1][0]);
+        let [points, rejected] = ["points", "rejected"].map(|key| rows[0][key].as_u64());
+        assert!(points > Some(20) && rejected.is_some(), "{}", rows[0]);
+    }
+}
+
+#[test]
+fn view_is_refused_if_a_target_cannot_be_measured() {
+    let desk = desk();
+    let text = fs::read_to_string(desk.path("rig.toml")).expect("a rig file");
+    desk.write(
+        "small.toml",
+        text.replace("[215, 10, 60, 220]", "[300, 200, 8, 8]"),
+    );
+    let saved = words(&desk, "reference views --rig small.toml --out view.mcap");
+    saved.failed(1, &["views", "the target pier"]);
+    assert!(!desk.path("view.mcap").exists());
+    let saved = words(&desk, "reference views --rig rig.toml --out view.mcap");
+    assert!(saved.stdout.contains("deck: ") && saved.stdout.contains("pier: "));
+}
+
+#[test]
+fn rows_of_targets_have_rotations() {
+    let desk = desk();
+    let words_of = |form: &str| {
+        words(
+            &desk,
+            &format!("track --images views --rig against.toml --rotation estimate {form}"),
+        )
+    };
+    let rows = words_of("--json").good_json();
+    let deck = &rows[0]["targets"][0];
+    for key in ["rotation_deg", "rotation_sigma_deg", "pivot_mm"] {
+        assert_eq!(deck[key].as_array().map(Vec::len), Some(3), "{key}: {deck}");
+    }
+    let csv = words_of("--csv").stdout;
+    let row = csv.lines().nth(1).expect("a row");
+    let at = row.find("\"[{").expect("a list of objects");
+    let cell = row[at + 1..].trim_end_matches('"').replace("\"\"", "\"");
+    let list: Value = serde_json::from_str(&cell).expect("JSON");
+    assert_eq!(list.as_array().map(Vec::len), Some(2));
+}

@@ -70,6 +70,8 @@ fn text(value: &Value) -> String {
         other => other.to_string(),
     };
     let text = match value {
+        // Objects stay JSON.
+        Value::Array(items) if items.iter().any(Value::is_object) => value.to_string(),
         Value::Array(items) => items.iter().map(plain).collect::<Vec<_>>().join("; "),
         other => plain(other),
     };

@@ -7,9 +7,11 @@ use std::path::Path;
 use trinocular_recording::read::frames::{FrameSets, TOLERANCE_US, Topics};
 use trinocular_recording::read::survey::{CAMERA_INFO, Survey};
 use trinocular_recording::read::{Source, calibration};
+use trinocular_recording::regions;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
 use trinocular_rig::rig_file::RigFile;
+use trinocular_vision::flow::region::Regions;
 use trinocular_vision::images::FrameSet;
 
 /// Options for recordings of this program and of others.
@@ -73,6 +75,8 @@ pub struct Rigged {
     pub frames: Frames,
     /// The rig that the user gave, or the one in the recording.
     pub rig: RigFile,
+    /// Regions of interest of the recorded run.
+    pub regions: Regions,
 }
 
 impl Default for RecordingInput {
@@ -88,6 +92,19 @@ impl RecordingInput {
     /// Opens the recording at `path`. Without a rig, the recording must hold one: a rig file, or
     /// camera_info of all cameras.
     pub fn open(&self, path: &Path, rig: Option<RigFile>) -> Result<Rigged, Failure> {
+        let rigged = self.open_any(path, rig, true)?;
+        if !rigged.regions.0.is_empty() {
+            notice!("the regions of the recorded run are not used: --roi and --mask choose some");
+        }
+        Ok(rigged)
+    }
+
+    /// Opens the recording at `path`, which must hold a rig; prints nothing about it.
+    pub fn open_quietly(&self, path: &Path) -> Result<Rigged, Failure> {
+        self.open_any(path, None, false)
+    }
+
+    fn open_any(&self, path: &Path, rig: Option<RigFile>, tells: bool) -> Result<Rigged, Failure> {
         let source = Source::open(path)?;
         let survey = Survey::of(&source)?;
         if let Some(cut) = &survey.cut {
@@ -108,7 +125,9 @@ impl RecordingInput {
             }
             None => match calibration::rig(&source, &survey)? {
                 Some((rig, found)) => {
-                    notice!("calibration: {found}");
+                    if tells {
+                        notice!("calibration: {found}");
+                    }
                     rig
                 }
                 None => {
@@ -118,6 +137,9 @@ impl RecordingInput {
                 }
             },
         };
+        let cameras = (rig.names.as_slice(), rig.rig.image_size_px);
+        let origin = survey.origin.clone().unwrap_or_default();
+        let regions = regions::read(path, cameras, &origin, &survey.masks)?;
         let topics = Topics::find(path, &survey, &rig.names, &self.topics)?;
         let first = topics
             .names()
@@ -132,6 +154,7 @@ impl RecordingInput {
                 tolerance_us: (self.tolerance * 1e3).round() as u64,
             },
             rig,
+            regions,
         })
     }
 }

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use trinocular_recording::message::{Measurement, Outcome};
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
-use trinocular_rig::output::Replace;
+use trinocular_rig::output::{Output, Replace};
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::region::Regions;
@@ -25,10 +25,11 @@ use trinocular_vision::sums::Estimator;
 ///
 /// The file is a small recording with one frame set and the rig. `estimate --reference FILE` and
 /// `track --reference FILE` measure displacements from it, after months and with other exposure.
-/// Every recording of --record serves as well: its first frame set counts.
+/// Every recording of --record serves as well: its first frame set counts. The regions of --roi and
+/// --mask are kept in the file.
 ///
 /// The cameras must stand as they did: a camera that was moved against the others in the meantime
-/// is noticed, but motion of the whole rig looks like motion of the target.
+/// is named, but motion of the whole rig looks like motion of the target.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ReferenceOptions {
@@ -75,9 +76,33 @@ Examples:
 /// Runs the command.
 pub fn run(options: &ReferenceOptions, out: &mut impl Write) -> Result<(), Failure> {
     let (frame_set, rig) = read(options)?;
-    let points = reference_view::points(&rig, &frame_set, options.region.regions(&rig)?)
+    let regions = options.region.regions(&rig)?;
+    let points = reference_view::points(&rig, &frame_set, &regions);
+    let counts = reference_view::counted(&points)
         .map_err(|reason| InputError::file(&options.input, reason))?;
     let replace = Replace::Nothing.or_forced(options.force);
+    let output = Output::open(&options.out, replace)?;
+    // The old file stays until the new one is whole.
+    output.write(&recorded(options, rig, &frame_set, regions)?)?;
+    let path = printable(options.out.display()).to_string();
+    if options.json {
+        let known = points.iter().filter_map(|(_, points)| points.as_ref().ok());
+        let all: usize = known.sum();
+        json::line(out, &json!({"file": path, "points": all}))?;
+    } else {
+        writeln!(out, "saved a reference view of {counts} in {path}")?;
+    }
+    out.flush()?;
+    Ok(())
+}
+
+/// Returns the file: a recording of the frame set.
+fn recorded(
+    options: &ReferenceOptions,
+    rig: RigFile,
+    frame_set: &FrameSet,
+    regions: Regions,
+) -> Result<Vec<u8>, Failure> {
     let origin = Origin {
         rig,
         rig_text: None,
@@ -85,25 +110,24 @@ pub fn run(options: &ReferenceOptions, out: &mut impl Write) -> Result<(), Failu
         twin: None,
         is_real: false,
         seed: None,
-        regions: Regions::default(),
+        regions,
     };
-    let recording = Opened::at(&options.out, replace)?.start(&origin)?;
+    let folder = tempfile::tempdir();
+    let folder = folder.map_err(|cause| InputError::io(&options.out, "prepare", &cause))?;
+    let path = folder.path().join("view.mcap");
+    let recording = Opened::at(&path, Replace::Nothing)?.start(&origin)?;
     if let Some(tap) = recording.tap() {
         let keyframe = Measurement {
             stamp_us: frame_set.time_us,
             outcome: Outcome::Keyframe,
             ..Measurement::default()
         };
-        tap.frame_set(Some(&frame_set), keyframe);
+        tap.frame_set(Some(frame_set), keyframe);
+        tap.end(frame_set.time_us);
     }
     recording.finish()?;
-    let path = printable(options.out.display()).to_string();
-    match options.json {
-        true => json::line(out, &json!({"file": path, "points": points}))?,
-        false => writeln!(out, "saved a reference view of {points} points in {path}")?,
-    }
-    out.flush()?;
-    Ok(())
+    let read = std::fs::read(&path);
+    Ok(read.map_err(|cause| InputError::io(&options.out, "prepare", &cause))?)
 }
 
 /// Reads the frame set to save, and its rig.
@@ -120,12 +144,15 @@ fn read(options: &ReferenceOptions) -> Result<(FrameSet, RigFile), Failure> {
     let chosen = |frame_sets: &mut dyn Iterator<Item = Result<FrameSet, InputError>>| {
         let missing = || {
             let frame = options.frame;
-            InputError::file(path, format!("has no frame set {frame}; the first is 0"))
+            InputError::file(
+                path,
+                format!("has no frame set {frame}; they are counted from 0"),
+            )
         };
         frame_sets.nth(options.frame).ok_or_else(missing)?
     };
     if !is_folder {
-        let Rigged { frames, rig } = options.recording.open(path, rig)?;
+        let Rigged { frames, rig, .. } = options.recording.open(path, rig)?;
         return Ok((chosen(&mut frames.frame_sets())?, rig));
     }
     let Some(rig) = rig else {

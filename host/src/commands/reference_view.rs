@@ -11,6 +11,7 @@ use trinocular_vision::flow::mistake::explain_keyframe;
 use trinocular_vision::flow::region::Regions;
 use trinocular_vision::flow::{Flow, FlowSettings};
 use trinocular_vision::images::FrameSet;
+use trinocular_vision::targets;
 
 /// View of the target that was saved earlier: the first frame set of a recording, with its rig.
 pub struct ReferenceView {
@@ -19,6 +20,8 @@ pub struct ReferenceView {
     pub frame_set: FrameSet,
     /// The rig that took it.
     pub rig: RigFile,
+    /// Regions of interest with which it was saved.
+    regions: Regions,
 }
 
 impl ReferenceView {
@@ -29,7 +32,11 @@ impl ReferenceView {
                           FILE.mcap` saves a reference view";
             return Err(InputError::file(path, reason).into());
         }
-        let Rigged { frames, rig } = RecordingInput::default().open(path, None)?;
+        let Rigged {
+            frames,
+            rig,
+            regions,
+        } = RecordingInput::default().open_quietly(path)?;
         let first = frames.frame_sets().next();
         let empty = || InputError::file(path, "holds no images");
         let frame_set = first.ok_or_else(empty)??;
@@ -37,12 +44,21 @@ impl ReferenceView {
             path: path.to_owned(),
             frame_set,
             rig,
+            regions,
         })
+    }
+
+    /// Returns the regions of the view, unless others are given.
+    pub fn regions_or(&self, given: Regions) -> Regions {
+        match given.0.is_empty() {
+            true => self.regions.clone(),
+            false => given,
+        }
     }
 
     /// Refuses a rig that measures otherwise than the rig of the view, and a view that cannot be
     /// the keyframe.
-    pub fn check(&self, rig: &RigFile, rig_path: &Path, regions: Regions) -> Result<(), Failure> {
+    pub fn check(&self, rig: &RigFile, rig_path: &Path, regions: &Regions) -> Result<(), Failure> {
         if let Some(difference) = difference(rig, &self.rig) {
             let view = self.path.display();
             let reason = format!(
@@ -51,18 +67,19 @@ impl ReferenceView {
             );
             return Err(InputError::file(rig_path, reason).into());
         }
-        let points = self.points(regions)?;
-        notice!(
-            "displacements count from {}, {points} points",
-            self.path.display()
-        );
+        let mut points = points(rig, &self.frame_set, regions);
+        if points.iter().any(|(_, points)| points.is_ok()) {
+            for (name, refused) in points.extract_if(.., |(_, points)| points.is_err()) {
+                if let (Some(name), Err(reason)) = (name, refused) {
+                    let view = self.path.display();
+                    notice!("warning: {view}: the target {name} cannot be measured: {reason}");
+                }
+            }
+        }
+        let points = counted(&points).map_err(|reason| InputError::file(&self.path, reason))?;
+        let view = self.path.display();
+        notice!("displacements count from {view}, {points}");
         Ok(())
-    }
-
-    /// Returns the number of points of the keyframe.
-    fn points(&self, regions: Regions) -> Result<usize, InputError> {
-        points(&self.rig, &self.frame_set, regions)
-            .map_err(|reason| InputError::file(&self.path, reason))
     }
 }
 
@@ -86,15 +103,43 @@ pub fn put_before(
     })
 }
 
-/// Returns the number of points that `frame_set` has as a keyframe, or the reason why it can be
-/// none.
-pub fn points(rig: &RigFile, frame_set: &FrameSet, regions: Regions) -> Result<usize, String> {
-    let mut flow = Flow::new(&rig.rig, FlowSettings::default()).map_err(|e| e.to_string())?;
-    flow.set_regions(regions);
-    flow.set_keyframe(frame_set)
-        .map_err(|refusal| explain_keyframe(&rig.rig, &rig.names, frame_set, &refusal))?;
-    let measured = flow.measure(frame_set).map_err(|e| e.to_string())?;
-    Ok(measured.correspondences.len())
+/// Points that a frame set has as a keyframe, of one target: its name, if the view is not one
+/// target, and their number or the reason why there are none.
+pub type KeyframePoints = (Option<String>, Result<usize, String>);
+
+/// Counts the points that `frame_set` has as a keyframe, per target.
+pub fn points(rig: &RigFile, frame_set: &FrameSet, regions: &Regions) -> Vec<KeyframePoints> {
+    let count = |regions: Regions| {
+        let mut flow = Flow::new(&rig.rig, FlowSettings::default()).map_err(|e| e.to_string())?;
+        flow.set_regions(regions);
+        flow.set_keyframe(frame_set)
+            .map_err(|refusal| explain_keyframe(&rig.rig, &rig.names, frame_set, &refusal))?;
+        let measured = flow.measure(frame_set).map_err(|e| e.to_string())?;
+        Ok(measured.correspondences.len())
+    };
+    if rig.targets.is_empty() {
+        return vec![(None, count(regions.clone()))];
+    }
+    let targets = rig.targets.iter();
+    let points = targets.map(|target| {
+        let points = count(targets::within(target, &rig.rig, regions));
+        (Some(target.name.clone()), points)
+    });
+    points.collect()
+}
+
+/// Returns the number of points of each target in words.
+///
+/// # Errors
+/// The first target without points, with the reason.
+pub fn counted(points: &[KeyframePoints]) -> Result<String, String> {
+    let counts = points.iter().map(|(name, points)| match (name, points) {
+        (None, Ok(points)) => Ok(format!("{points} points")),
+        (Some(name), Ok(points)) => Ok(format!("{name}: {points} points")),
+        (None, Err(reason)) => Err(reason.clone()),
+        (Some(name), Err(reason)) => Err(format!("the target {name}: {reason}")),
+    });
+    Ok(counts.collect::<Result<Vec<_>, String>>()?.join(", "))
 }
 
 /// Describes the first difference of the cameras of a rig from those of the view's.

@@ -9,6 +9,7 @@ pub mod page;
 mod recorded;
 mod report;
 mod row;
+mod shift;
 mod simulated;
 
 use super::folder_input::PairOption;
@@ -23,7 +24,7 @@ use super::turning::TurningOptions;
 use super::zenoh::ZenohOption;
 use crate::commands::failure::Failure;
 use clap::{Args, ValueEnum};
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use trinocular::servo::path::TargetPath;
@@ -234,6 +235,10 @@ pub struct TrackOptions {
     #[arg(skip)]
     recorded_period_us: Cell<Option<u64>>,
 
+    /// Regions with which the view of --reference was saved.
+    #[arg(skip)]
+    view_regions: RefCell<Regions>,
+
     /// Replace the files of --record and --report even if this program did not write them
     #[arg(long, help_heading = "Recording")]
     force: bool,
@@ -276,8 +281,17 @@ impl TrackOptions {
     fn regions(&self, rig: &RigFile) -> Result<Regions, Failure> {
         match self.source.sim {
             true => Ok(Regions::default()),
-            false => Ok(targets::driving(rig, self.region.regions(rig)?)),
+            false => Ok(targets::driving(rig, self.given_regions(rig)?)),
         }
+    }
+
+    /// Returns the regions of the user, or else those of the view of --reference.
+    fn given_regions(&self, rig: &RigFile) -> Result<Regions, Failure> {
+        let given = self.region.regions(rig)?;
+        Ok(match given.0.is_empty() {
+            true => self.view_regions.borrow().clone(),
+            false => given,
+        })
     }
 
     /// Reads the view of --reference, which must be of this rig.
@@ -286,7 +300,10 @@ impl TrackOptions {
             return Ok(None);
         };
         let view = ReferenceView::open(path)?;
-        view.check(rig, rig_path, self.regions(rig)?)?;
+        self.view_regions
+            .replace(view.regions_or(Regions::default()));
+        let regions = self.given_regions(rig)?;
+        view.check(rig, rig_path, &regions)?;
         Ok(Some(view))
     }
 
@@ -484,10 +501,14 @@ fn follow(options: &TrackOptions, out: &mut impl Write) -> Result<(), Failure> {
         ) => recorded::run(options, folder, rig, out),
         (
             Source {
-                images: Some(_), ..
+                images: Some(folder),
+                ..
             },
             None,
-        ) => Err(rig_missing("track --images DIR --rig <RIG.toml>")),
+        ) => match &options.reference {
+            Some(view) => recorded::of_view(options, folder, view, out),
+            None => Err(rig_missing("track --images DIR --rig <RIG.toml>")),
+        },
         (
             Source {
                 watch: Some(folder),

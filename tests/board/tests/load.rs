@@ -18,7 +18,7 @@ use trinocular_rig::rig_file::Driver;
 
 /// Largest share of time that the processor may be busy while following 200 frames per second with
 /// the flash's waits.
-const LARGEST_LOAD: f64 = 0.42;
+const LARGEST_LOAD: f64 = 0.45;
 
 /// Load of the processor during one activity.
 #[derive(Clone, Copy)]

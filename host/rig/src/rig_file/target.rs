@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::field::Field;
 use crate::error::InputError;
+use crate::printable::is_printable;
 
 /// Largest number of targets.
 pub const MOST_TARGETS: usize = 32;
@@ -60,8 +61,11 @@ pub(super) fn read(
         ])?;
         let name = table.required("name")?;
         let text = name.text()?.to_owned();
-        if text.is_empty() || targets.iter().any(|other| other.name == text) {
+        if text.trim().is_empty() || targets.iter().any(|other| other.name == text) {
             return Err(name.fault("must be a name of its own"));
+        }
+        if !text.chars().all(is_printable) {
+            return Err(name.fault("must have printable characters only"));
         }
         let roi = table.required("roi")?;
         let longest_px = image_size_px[0].max(image_size_px[1]);
@@ -168,6 +172,11 @@ mod tests {
                 format!("{DECK}{DECK}"),
                 "target[1].name",
                 "a name of its own",
+            ),
+            (
+                DECK.replace("deck", "de\\u001bck"),
+                "target[0].name",
+                "printable",
             ),
             (
                 DECK.replace("deck", ""),

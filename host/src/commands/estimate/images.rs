@@ -10,6 +10,7 @@ use std::io::Write;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::estimation::Rule;
+use trinocular_vision::flow::camera_shift::CameraShift;
 use trinocular_vision::flow::remarks as camera_remarks;
 use trinocular_vision::images::FrameSet;
 
@@ -22,11 +23,13 @@ pub(super) fn run<W: Write>(
     mut printer: Printer<'_, W>,
 ) -> Result<(), Failure> {
     let rig_path = options.rig.as_ref().unwrap_or(&options.input);
-    let regions = options.region.regions(rig)?;
+    let mut regions = options.region.regions(rig)?;
     let mut captures = captures.peekable();
+    let has_view = view.is_some();
     let first = match view {
         Some(view) => {
-            view.check(rig, rig_path, regions.clone())?;
+            regions = view.regions_or(regions);
+            view.check(rig, rig_path, &regions)?;
             Some(Ok(view.frame_set))
         }
         None => captures.next(),
@@ -73,6 +76,12 @@ pub(super) fn run<W: Write>(
                 Ok(seen) => {
                     let remarks = camera_remarks(&seen.refused_cameras, &rig.names);
                     printer.warnings.extend(remarks);
+                    if has_view {
+                        let (cameras, points) = (&seen.cameras, &seen.correspondences);
+                        let shift = CameraShift::find(&rig.rig, cameras, points);
+                        let warning = shift.map(|shift| shift.warning(&rig.names));
+                        printer.warnings.extend(warning);
+                    }
                     let absent = seen.refused_cameras.iter();
                     let names = absent.filter_map(|(k, _)| rig.names.get(*k).cloned());
                     printer.absent = names.collect();

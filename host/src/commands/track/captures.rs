@@ -4,6 +4,7 @@ use super::absences::Absences;
 use super::others::{self, Targets};
 use super::page::{self, TrackPage};
 use super::row::{add_outcome, add_warnings, known, vector};
+use super::shift::ShiftObserver;
 use super::{TrackOptions, introduce, row};
 use crate::commands::exposures::Exposures;
 use crate::commands::failure::Failure;
@@ -102,7 +103,7 @@ impl<'a> Captures<'a> {
     ) -> Result<Self, Failure> {
         let failed = |error| Failure::of_servo(port, error);
         let regions = options.regions(rig)?;
-        let targets = Targets::of(rig, &options.region.regions(rig)?, source)?;
+        let targets = Targets::of(rig, &options.given_regions(rig)?, source)?;
         let place = options.station.place(port);
         let observer = tap.clone().map(|tap| tap as Arc<dyn StationObserver>);
         let station = StationLink::start_observed(place, stage, mounting, observer.clone());
@@ -135,6 +136,9 @@ impl<'a> Captures<'a> {
         }
         if let Some(page) = &page {
             servo.add_observer(page.observer());
+        }
+        if options.reference.is_some() {
+            servo.add_observer(Box::new(ShiftObserver::of(rig)));
         }
         // Last: nothing fails after it that would leave the cameras triggered.
         if let Some(LiveClock::Station(triggering)) = live {

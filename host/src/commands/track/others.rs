@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 use trinocular_rig::error::InputError;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::estimation::{Choice, Measured, Rule};
+use trinocular_vision::estimation::{Choice, Measured, Method, Rule};
 use trinocular_vision::flow::region::Regions;
 use trinocular_vision::flow::{FlowRefusal, FlowSettings};
 use trinocular_vision::images::FrameSet;
@@ -29,19 +29,28 @@ pub fn line(target: &Value) -> String {
         against => format!(" against {against}"),
     };
     let name = text("target");
-    let millimetres = |key: &str| {
-        let numbers = target[key].as_array().into_iter().flatten();
-        let numbers = numbers.filter_map(Value::as_f64);
-        let numbers: Vec<String> = numbers.map(|mm| format!("{mm:.4}")).collect();
-        numbers.join(" ")
+    let numbers = |key: &str| {
+        let list = target[key].as_array().into_iter().flatten();
+        // Adding zero to what is left after rounding turns -0 into 0.
+        let list = list.filter_map(Value::as_f64);
+        let list = list.map(|number| (number * 1e4).round() / 1e4 + 0.0);
+        list.map(|number| format!("{number:.4}"))
+            .collect::<Vec<_>>()
+            .join(" ")
     };
     match target["refused"].as_str() {
         Some(reason) => format!("       {name}{against} refused: {reason}"),
-        None => format!(
-            "       {name}{against}: {} mm, sigma {} mm",
-            millimetres("displacement_mm"),
-            millimetres("sigma_mm")
-        ),
+        None => {
+            let turned = match numbers("rotation_deg") {
+                degrees if degrees.is_empty() => degrees,
+                degrees => format!(", turned by {degrees} deg"),
+            };
+            format!(
+                "       {name}{against}: {} mm, sigma {} mm{turned}",
+                numbers("displacement_mm"),
+                numbers("sigma_mm")
+            )
+        }
     }
 }
 
@@ -75,11 +84,23 @@ impl Targets {
                 Ok((solution, rejected)) => json!({
                     "displacement_mm": solution.displacement_mm,
                     "sigma_mm": solution.sigma_mm,
+                    "covariance_mm2": solution.covariance_mm2,
                     "points": solution.points,
                     "rejected": rejected,
+                    "method": Method::Midpoint.name(),
+                    "turn": solution.turn,
                 }),
                 Err(reason) => json!({"refused": reason}),
             };
+            // As the rows of `estimate` have it.
+            if let Some(Value::Object(turn)) = target.get_mut("turn").map(Value::take)
+                && let Some(keys) = target.as_object_mut()
+            {
+                keys.extend(turn);
+            }
+            if let Some(keys) = target.as_object_mut() {
+                keys.remove("turn");
+            }
             target["target"] = json!(name);
             if let Some(against) = self.flows.against(index) {
                 target["against"] = json!(against);

@@ -31,6 +31,30 @@ pub fn run(
     out: &mut impl Write,
 ) -> Result<(), Failure> {
     let rig = options.read_rig(rig_path)?;
+    in_folder(options, folder, (rig, rig_path), out)
+}
+
+/// Runs as [`run`] does, with the rig of the view of --reference.
+pub fn of_view(
+    options: &TrackOptions,
+    folder: &Path,
+    view: &Path,
+    out: &mut impl Write,
+) -> Result<(), Failure> {
+    let mut rig = ReferenceView::open(view)?.rig;
+    options.turn(&mut rig)?;
+    if options.method == Estimator::ClosedForm {
+        RigFile::parse_in_line(view, &rig.to_toml())?;
+    }
+    in_folder(options, folder, (rig, view), out)
+}
+
+fn in_folder(
+    options: &TrackOptions,
+    folder: &Path,
+    (rig, rig_path): (RigFile, &Path),
+    out: &mut impl Write,
+) -> Result<(), Failure> {
     let view = options.view(&rig, rig_path)?;
     let least = least(&view);
     let mut captures = options.pair.open(folder, &rig)?;
@@ -62,7 +86,9 @@ pub fn replay(
     let rig = rig_path
         .map(|path| options.method.read_rig(path))
         .transpose()?;
-    let Rigged { frames, mut rig } = options.recording.open(recording, rig)?;
+    let Rigged {
+        frames, mut rig, ..
+    } = options.recording.open(recording, rig)?;
     options.turn(&mut rig)?;
     if options.method == Estimator::ClosedForm {
         RigFile::parse_in_line(recording, &rig.to_toml())?;

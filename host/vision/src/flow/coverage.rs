@@ -81,7 +81,10 @@ impl InlierCoverage {
         let mut inlier_cells: Vec<usize> = inliers.iter().map(cell_of).collect();
         inlier_cells.sort_unstable();
         inlier_cells.dedup();
-        let allows = |at| regions.allow_start(camera, at);
+        // A place in the reference image is in the rectangle of another camera as its nearest match
+        // is.
+        let shifts = RegionShifts::of(keyframe, regions, reference);
+        let allows = |at| regions.allow_start(camera, at) && shifts.allow(at);
         let mut coverage = Self {
             inlier_cells: inlier_cells.len(),
             outlier_cells: 0,
@@ -103,7 +106,7 @@ impl InlierCoverage {
         }
         for at in keyframe.unmatched {
             let cell = grid.cell_at(*at);
-            if is_other(&cell) {
+            if is_other(&cell) && shifts.allow(*at) {
                 others
                     .entry(cell)
                     .or_insert_with(|| tracker.unmatched_corner(*at));
@@ -147,6 +150,54 @@ impl InlierCoverage {
             alike: self.inlier_cells,
             otherwise: self.outlier_cells,
             all: self.visible_cells,
+        })
+    }
+}
+
+/// Regions of the cameras beside the reference camera, for places in the reference image.
+struct RegionShifts<'a> {
+    regions: &'a Regions,
+    /// Cameras with a rectangle: index in the rig, and among the active ones.
+    cameras: Vec<(usize, usize)>,
+    matches: &'a [StereoMatch],
+    reference: usize,
+}
+
+impl<'a> RegionShifts<'a> {
+    fn of(keyframe: &ActiveKeyframe<'a>, regions: &'a Regions, reference: usize) -> Self {
+        let cameras = keyframe.active.cameras.iter().copied().enumerate();
+        let cameras = cameras.filter(|(index, camera)| {
+            let region = regions.0.get(*camera);
+            *index != reference && region.is_some_and(|region| region.rectangle_px.is_some())
+        });
+        Self {
+            regions,
+            cameras: cameras.map(|(index, camera)| (camera, index)).collect(),
+            matches: keyframe.matches,
+            reference,
+        }
+    }
+
+    /// Returns true if the point at this pixel of the reference image would be in all rectangles,
+    /// were it as far away as the match nearest in the image.
+    fn allow(&self, at: [f64; 2]) -> bool {
+        if self.cameras.is_empty() {
+            return true;
+        }
+        let distance = |matched: &&StereoMatch| {
+            let [x, y] = matched.pixels[self.reference];
+            (x - at[0]).powi(2) + (y - at[1]).powi(2)
+        };
+        let nearest = self.matches.iter();
+        let nearest = nearest.min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        let Some(nearest) = nearest else {
+            return true;
+        };
+        let from = nearest.pixels[self.reference];
+        self.cameras.iter().all(|(camera, index)| {
+            let to = nearest.pixels[*index];
+            let there = [0, 1].map(|i| at[i] + to[i] - from[i]);
+            self.regions.allow_start(*camera, there)
         })
     }
 }

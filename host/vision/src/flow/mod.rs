@@ -65,6 +65,7 @@ use trinocular_rig::pivot::Pivot;
 mod accept;
 pub mod active_cameras;
 mod camera_refusal;
+pub mod camera_shift;
 #[cfg(test)]
 mod cloud;
 pub mod consensus;
