@@ -246,7 +246,9 @@ fn swinging(counter: &mut Counter, table: &mut Table) -> Result<(), Failure> {
             Some(1_500),
         ),
     ];
-    rows.map(|(name, instructions, limit)| table.row(name, instructions, limit));
+    for (name, instructions, limit) in rows {
+        table.row(name, instructions, limit);
+    }
     Ok(())
 }
 
