@@ -259,6 +259,14 @@ fn small_shift_of_a_camera_is_told() {
             assert!(is_named, "{name} by {shift_px:?} px: {row}");
         }
     }
+    let middle = |k: usize, mut camera: Camera| {
+        if k == 1 {
+            camera.principal_px[1] += 0.45;
+            camera.principal_px[0] += 0.3;
+        }
+        camera
+    };
+    write_later(&desk, middle, |_, grey| grey);
     let followed = words(
         &desk,
         "track --images later --rig rig.toml --reference view.mcap",

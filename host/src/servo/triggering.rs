@@ -212,7 +212,8 @@ impl TriggerWatch {
     /// silence of the cameras. `tell` gets what has happened meanwhile, in words.
     ///
     /// # Errors
-    /// As [`TriggerWatch::look`]; if the images do not come.
+    /// As [`Serial::check`] after a loss of the line, and as [`Serial::command`]; if the images do
+    /// not come.
     pub fn next_images(
         &mut self,
         serial: &mut Serial,
