@@ -193,7 +193,7 @@ fn target_may_be_chosen_in_any_camera() {
 }
 
 #[test]
-fn view_is_refused_if_a_target_cannot_be_measured() {
+fn view_without_one_of_its_targets_is_refused() {
     let desk = desk();
     let text = fs::read_to_string(desk.path("rig.toml")).expect("a rig file");
     desk.write(

@@ -10,9 +10,9 @@ use super::active_cameras::ActiveCameras;
 use trinocular_core::rig::Rig;
 use trinocular_core::sums::View;
 
-/// Least shift that is told, px.
+/// Least shift that counts, px.
 const LEAST_PX: f64 = 0.02;
-/// Least shift that is told, in standard deviations of the mean.
+/// Least shift that counts, in standard deviations of the mean.
 const LEAST_SIGMAS: f64 = 6.0;
 
 /// Camera whose misfit has changed most.

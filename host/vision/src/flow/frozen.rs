@@ -80,7 +80,7 @@ fn mix(hash: u64, word: u64) -> u64 {
 }
 
 /// Computes a number that changes with any change of the grey levels: Fowler, Noll and Vo's hash
-/// over four bytes at a time, in [`LANES`] lanes, which are then hashed themselves.
+/// over four bytes at a time, in 32 lanes, which are then hashed themselves.
 pub fn fingerprint(grey: &[u8]) -> u64 {
     let mut lanes = [0x811c_9dc5_u32; LANES];
     Arch::new().dispatch(Hash {
