@@ -24,7 +24,7 @@
 //!     keyframe?;
 //! }
 //! let seen = flows.measure(&Rule::default(), &rig, &scene.render([1.0, 0.0, 0.0], 0, 2));
-//! let door = seen[0].as_ref()?.solution.as_ref()?;
+//! let door = seen[0].clone()?.solution?;
 //! // The wall moves as the door does: the rig has moved.
 //! assert!(door.displacement_mm[0].abs() < 0.02);
 //! # Ok(())

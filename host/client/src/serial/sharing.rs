@@ -23,6 +23,7 @@ use super::stop::Stop;
 use super::{Holder, LOOK, Serial, Shared};
 use std::collections::VecDeque;
 use std::io::{self, Read as _};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -39,6 +40,9 @@ const MOST_PENDING: usize = 64;
 
 /// Polling period of the socket for guests.
 const ACCEPT_PERIOD: Duration = Duration::from_millis(5);
+
+/// Period at which the place of the socket is compared with that of the port's device.
+const PLACE_PERIOD: Duration = Duration::from_millis(200);
 
 /// Time for which guests are served on after this program has closed its line, so that the reports
 /// of a stop reach the guest that asked for it.
@@ -68,23 +72,67 @@ pub(super) struct Guests {
     pub deeds: Deeds,
 }
 
-/// Starts the thread that receives guests of the line on `port`, until the line is closed.
-pub(super) fn start_listener(port: &str, shared: Arc<Shared>) -> io::Result<JoinHandle<()>> {
-    let listener = Listener::bind(&owner::socket(port)?)?;
-    std::thread::Builder::new()
-        .name("guests".to_owned())
-        .spawn(move || receive_guests(&Arc::new(listener), &shared))
+/// Socket for the guests of a port. Its place follows from the device behind the port, which may be
+/// another one when a lost line comes back: then the old place may belong to another station.
+struct Door {
+    port: String,
+    place: PathBuf,
+    listener: Arc<Listener>,
 }
 
-fn receive_guests(listener: &Arc<Listener>, shared: &Arc<Shared>) {
+impl Door {
+    fn open(port: &str) -> io::Result<Self> {
+        let place = owner::socket(port)?;
+        Ok(Self {
+            port: port.to_owned(),
+            listener: Arc::new(Listener::bind(&place)?),
+            place,
+        })
+    }
+
+    /// Returns true if the socket is at the place of the device that is behind the port now.
+    fn is_in_place(&self) -> bool {
+        owner::socket(&self.port).is_ok_and(|place| place == self.place)
+    }
+
+    /// Moves to the place of the device that is behind the port now.
+    fn follow_port(&mut self) {
+        if !self.is_in_place()
+            && let Ok(moved) = Self::open(&self.port)
+        {
+            *self = moved;
+        }
+    }
+}
+
+/// Starts the thread that receives guests of the line on `port`, until the line is closed.
+pub(super) fn start_listener(port: &str, shared: Arc<Shared>) -> io::Result<JoinHandle<()>> {
+    let door = Door::open(port)?;
+    std::thread::Builder::new()
+        .name("guests".to_owned())
+        .spawn(move || receive_guests(door, &shared))
+}
+
+fn receive_guests(mut door: Door, shared: &Arc<Shared>) {
     let mut threads: Vec<JoinHandle<()>> = Vec::new();
+    let mut looked = Instant::now();
     while !shared.line().closed {
-        let Ok(mut stream) = listener.accept() else {
+        if looked.elapsed() >= PLACE_PERIOD {
+            looked = Instant::now();
+            if shared.line().is_up() {
+                door.follow_port();
+            }
+        }
+        let Ok(mut stream) = door.listener.accept() else {
             std::thread::sleep(ACCEPT_PERIOD);
             continue;
         };
+        if !door.is_in_place() {
+            // Without a reply the guest opens the port itself: its station is another one.
+            continue;
+        }
         threads.retain(|thread| !thread.is_finished());
-        let (listener, shared) = (Arc::clone(listener), Arc::clone(shared));
+        let (listener, shared) = (Arc::clone(&door.listener), Arc::clone(shared));
         let thread = std::thread::Builder::new()
             .name("guest".to_owned())
             .spawn(move || {
@@ -449,5 +497,34 @@ impl Service {
             self.reported_tick = Some(status.tick);
             replies.push(Report::Status(*status));
         }
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::symlink;
+
+    /// After an unplugging, a by-id link may lead to another device, and the name of the first one
+    /// to another station.
+    #[test]
+    fn door_follows_the_device_behind_its_port() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name).display().to_string();
+        let (first, second, link) = (path("first"), path("second"), path("link"));
+        for device in [&first, &second] {
+            std::fs::write(device, "").unwrap();
+        }
+        symlink(&first, &link).unwrap();
+        let mut door = Door::open(&link).unwrap();
+        assert!(door.is_in_place() && owner::socket(&first).unwrap().exists());
+        std::fs::remove_file(&link).unwrap();
+        assert!(!door.is_in_place());
+        symlink(&second, &link).unwrap();
+        assert!(!door.is_in_place());
+        door.follow_port();
+        assert!(door.is_in_place());
+        assert!(!owner::socket(&first).unwrap().exists());
+        assert!(owner::socket(&second).unwrap().exists());
     }
 }

@@ -13,7 +13,7 @@
 //! which is positive if it was nearer, and next to nothing if the measurement's noise hides who
 //! was. It takes the lead when its mean score is above [`LEAD`] and its own covariance promises a
 //! prediction as good as 1.4 measurements' sigmas. It loses the lead when the mean is negative, the
-//! promise is beyond 5.5 sigmas, or a measurement does not pass its innovation gate. A still target,
+//! promise is beyond 2.8 sigmas, or a measurement does not pass its innovation gate. A still target,
 //! a line, a jump and the beginning and end of any motion remain the filter's, and so does coasting.
 //!
 //! # Goal
@@ -54,7 +54,7 @@ const LONGEST_MS: f32 = 1_000.0;
 /// Highest variance of a prediction that takes the lead (`TRUST`) and keeps it (`KEEP`), in
 /// variances of a measurement.
 const TRUST: f32 = 2.0;
-const KEEP: f32 = 30.0;
+const KEEP: f32 = 8.0;
 
 /// Share of the highest jerk that any stage may swing with at once (`EASY`), and that no swing
 /// exceeds (`HARD`); squared.
