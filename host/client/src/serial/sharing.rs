@@ -127,17 +127,14 @@ fn receive_guests(mut door: Door, shared: &Arc<Shared>) {
             std::thread::sleep(ACCEPT_PERIOD);
             continue;
         };
-        if !door.is_in_place() {
-            // Without a reply the guest opens the port itself: its station is another one.
-            continue;
-        }
+        let is_in_place = door.is_in_place();
         threads.retain(|thread| !thread.is_finished());
         let (listener, shared) = (Arc::clone(&door.listener), Arc::clone(shared));
         let thread = std::thread::Builder::new()
             .name("guest".to_owned())
             .spawn(move || {
                 // A guest that breaks off has its own error to report.
-                let _ = receive(&listener, &mut stream, &shared);
+                let _ = receive(&listener, &mut stream, &shared, is_in_place);
             });
         threads.extend(thread);
     }
@@ -146,12 +143,18 @@ fn receive_guests(mut door: Door, shared: &Arc<Shared>) {
     }
 }
 
-/// Lets a guest in, serves it, and ends the motion that it leaves behind.
-fn receive(listener: &Listener, stream: &mut Stream, shared: &Shared) -> io::Result<()> {
+/// Lets a guest in, serves it, and ends the motion that it leaves behind. One that came to a socket
+/// that is not in place, as [`Door::is_in_place`] says, is not let in.
+fn receive(
+    listener: &Listener,
+    stream: &mut Stream,
+    shared: &Shared,
+    is_in_place: bool,
+) -> io::Result<()> {
     let guest = owner::introduction(listener, stream)?;
     let was_pinging = {
         let mut line = shared.line();
-        if line.closed || !line.is_up() {
+        if line.closed || !line.is_up() || !is_in_place {
             // Without a reply the guest opens the port itself: a lost line's name may belong to
             // another device by now, and a closed line's port is about to be free.
             return Ok(());
