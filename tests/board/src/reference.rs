@@ -10,7 +10,7 @@ use crate::time::{Beats, MS, US};
 use crate::wiring::{CAMERA_PIN, STEPPER_MASK, STEPPERS};
 use trinocular_core::frame::message::{Command, Report, Triggered};
 use trinocular_core::frame::receive::Receiver;
-use trinocular_core::machine::{Board, SEGMENT_US, TICK_US};
+use trinocular_core::machine::{Board, TICK_US};
 use trinocular_core::replay::{Entry, Event, Log, Replay, Station as Machine, Trace, Writer};
 use trinocular_core::steps::WordRate;
 use trinocular_core::time::Instant;
