@@ -296,7 +296,7 @@ fn turning_points_are_followed() {
 }
 
 #[test]
-fn figure_is_followed_at_30_noisy_late_frames() {
+fn figure_is_followed_at_30_late_frames_per_s() {
     for seed in SEEDS {
         let mut chase = Chase::new(seed);
         chase.frames_per_s = 30.0;

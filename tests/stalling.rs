@@ -132,7 +132,7 @@ fn stalled_motor_is_fault_within_25_mm() {
     }
 }
 
-/// The target turns every 0.6 s, so the trials do not always agree. The stall begins at 16 moments
+/// The target reverses every 0.6 s, so the trials do not always agree. The stall begins at 16 moments
 /// of a period and on each axis.
 #[test]
 fn most_stalls_on_fast_swing_are_found() {

@@ -332,8 +332,8 @@ fn repeated_images_are_rejected() {
     );
 }
 
-/// Writes images of the board in a larger image, into whose other half `beside` puts an image of the
-/// board at another instant; returns the rectangle of the first.
+/// Writes images of the board in the lower right of larger ones; with `beside`, the upper left has
+/// the board at another instant. Returns the rectangle of the first board.
 fn photograph_two(dir: &Path, beside: bool) -> [usize; 4] {
     let rig = crooked_rig();
     let [w, h] = rig.image_size_px.map(|side| side as usize);

@@ -168,7 +168,7 @@ fn filter_has_same_bits_everywhere() {
         for (place, speed) in place.iter_mut().zip(speed) {
             *place += speed * us as f64 * 1e-3;
         }
-        // From one half to the next, the target swings as well.
+        // In every second thousand frames, the target swings as well.
         if k / 1_000 % 2 == 1 {
             let turn = now as f64 * 1e-6 * std::f64::consts::TAU;
             for (swing, per_s) in swing.iter_mut().zip([0.3, 1.0, 4.0]) {

@@ -16,8 +16,7 @@ use trinocular_tests::binary::{interrupt, signal, suspend, trinocular};
 /// Writes the rig file of the bench, with triggers ten times per second and this exposure.
 fn write_triggered(twin: &Twin, exposure_us: u32) {
     let mut rig = RigFile::paper();
-    // Slow enough that ten images per second show the way of a stage, and each elsewhere between two
-    // steps.
+    // Slow enough for ten images per second on the way, each at another place between two steps.
     let mut stage = default_stage();
     stage.max_speed_mm_s = [4.83; 3];
     rig.stage = Some(stage);
@@ -217,7 +216,9 @@ fn is_triggering(twin: &Twin) -> bool {
     let observer = Arc::clone(&counter) as Arc<dyn StationObserver>;
     let serial = Serial::connect_observed(&twin.port, Some(observer)).expect("it answers");
     let mut seen = std::collections::BTreeSet::new();
+    let end = Instant::now() + Duration::from_secs(60);
     while seen.len() < 10 {
+        assert!(Instant::now() < end, "the station reports its status");
         seen.extend(serial.status().map(|status| status.time.micros()));
         std::thread::sleep(Duration::from_millis(5));
     }
@@ -229,7 +230,7 @@ fn is_triggering(twin: &Twin) -> bool {
 #[test]
 fn page_shows_triggered_images() {
     let mut twin = bench("still");
-    let page = Page::open(&twin);
+    let mut page = Page::open(&twin);
     page.reach_note("it triggers the cameras 10 times per second");
     page.reach_turns(5);
     twin.order("miss");
@@ -246,7 +247,6 @@ fn page_shows_triggered_images() {
     page.reach_note("they were started again");
     page.reach_turns(5);
     interrupt(&page.program);
-    let mut page = page;
     assert_eq!(page.program.wait().expect("it ends").code(), Some(0));
     assert!(!is_triggering(&twin), "the page is gone");
 }
@@ -263,6 +263,11 @@ fn page_survives_a_lost_line() {
     twin.order("plug");
     page.reach_note("the line was lost");
     page.reach_turns(10);
+    drop(page);
+    assert!(
+        is_triggering(&twin),
+        "a page that was killed ends no triggers"
+    );
 }
 
 /// The middle of the exposure is found on however busy a computer, because the trigger's instant and

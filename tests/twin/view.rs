@@ -1,4 +1,4 @@
-//! A saved view brings the stage back; another zero moves no reported position.
+//! A run from a saved view moves the stage back; reported positions count from the new zero.
 
 use super::{HEARTBEAT, bench};
 use serde_json::Value;
@@ -22,8 +22,9 @@ fn stage_goes_back_to_a_saved_view() {
     twin.run(&words(1, "--record view.mcap")).good_json();
     twin.good("reset");
     twin.good(&format!("jog x=3 y=-2 --rig bench.toml {heartbeat}"));
-    // Tracking begins with zero here.
+    // A run that begins makes the present position zero.
     let still = twin.run(&words(1, "")).good_json();
+    assert!(!still.is_empty());
     for row in &still {
         let stage_mm = vector(row, "stage_mm").expect("a position");
         assert!(stage_mm.iter().all(|mm| mm.abs() <= 0.02), "{row}");
@@ -32,7 +33,8 @@ fn stage_goes_back_to_a_saved_view() {
     let rows = twin.run(&words(5, "--reference view.mcap")).good_json();
     let first_mm = rows.iter().find_map(|row| vector(row, "displacement_mm"));
     let [x_mm, y_mm, _] = first_mm.expect("a displacement");
-    assert!((x_mm + 3.0).abs() < 0.05 && (y_mm - 2.0).abs() < 0.05);
+    let is_right = (x_mm + 3.0).abs() < 0.05 && (y_mm - 2.0).abs() < 0.05;
+    assert!(is_right, "{first_mm:?}");
     let last_mm = rows.last().and_then(|row| vector(row, "stage_mm"));
     for (is_mm, wanted_mm) in last_mm.expect("a position").iter().zip([-3.0, 2.0, 0.0]) {
         assert!((is_mm - wanted_mm).abs() < 0.05, "{is_mm}, not {wanted_mm}");

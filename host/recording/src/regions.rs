@@ -4,6 +4,7 @@
 //! attached PNG files, `mask-CAMERA.png`.
 
 use crate::png::png;
+use crate::read::survey::Survey;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -12,9 +13,12 @@ use trinocular_rig::error::InputError;
 use trinocular_vision::flow::region::{Region, Regions};
 use trinocular_vision::images::decode::decode;
 
+/// Beginning of the names of entries with rectangles.
+const ENTRY: &str = "roi.";
+
 /// Name of the entry with a camera's rectangle.
 fn entry(camera: &str) -> String {
-    format!("roi.{camera}")
+    format!("{ENTRY}{camera}")
 }
 
 /// Name of the attachment with a camera's mask.
@@ -47,26 +51,36 @@ pub(crate) fn masks(cameras: &[String], regions: &Regions) -> io::Result<Vec<(St
     masks.collect()
 }
 
-/// Reads the regions of a recording from its origin and its masks. `size_px` is the size of the
-/// cameras' images; errors name `file`.
+/// Returns true if the run of a recording had regions.
+pub fn are_in(survey: &Survey) -> bool {
+    let entries = survey.origin.iter().flat_map(BTreeMap::keys);
+    !survey.masks.is_empty() || entries.into_iter().any(|name| name.starts_with(ENTRY))
+}
+
+/// Reads the regions of a recording, if it has any. `size_px` is the size of the cameras' images;
+/// errors name `file`.
 ///
 /// # Errors
 /// [`InputError`] for a rectangle or a mask that is none.
 pub fn read(
     file: &Path,
     (cameras, size_px): (&[String], [u32; 2]),
-    origin: &BTreeMap<String, String>,
-    masks: &BTreeMap<String, Vec<u8>>,
+    survey: &Survey,
 ) -> Result<Regions, InputError> {
+    if !are_in(survey) {
+        return Ok(Regions::default());
+    }
+    let origin = survey.origin.as_ref();
     let region = |camera: &String| {
-        let rectangle = origin.get(&entry(camera)).map(|text| {
+        let text = origin.and_then(|origin| origin.get(&entry(camera)));
+        let rectangle = text.map(|text| {
             let sides = text.split(',').map(|side| side.parse().ok());
             let sides: Option<Vec<u32>> = sides.collect();
             let sides = sides.and_then(|sides| <[u32; 4]>::try_from(sides).ok());
             let none = || InputError::file(file, format!("its {} is no rectangle", entry(camera)));
             sides.ok_or_else(none)
         });
-        let mask = masks.get(&attachment(camera)).map(|bytes| {
+        let mask = survey.masks.get(&attachment(camera)).map(|bytes| {
             let within = PathBuf::from(format!("{}#{}", file.display(), attachment(camera)));
             let unread = |refusal| InputError::file(&within, format!("{refusal}"));
             decode(bytes, Some(size_px)).map_err(unread).map(Arc::new)
@@ -76,9 +90,9 @@ pub fn read(
             mask: mask.transpose()?,
         })
     };
-    let regions: Result<Vec<Region>, InputError> = cameras.iter().map(region).collect();
-    let regions = regions?;
-    // Without any, as a run without regions has them.
-    let are_whole = regions.iter().all(|region| *region == Region::default());
-    Ok(Regions(if are_whole { Vec::new() } else { regions }))
+    cameras
+        .iter()
+        .map(region)
+        .collect::<Result<_, _>>()
+        .map(Regions)
 }

@@ -26,4 +26,5 @@ pub mod output;
 pub mod pivot;
 pub mod printable;
 pub mod random;
+pub mod rectangle;
 pub mod rig_file;

@@ -147,7 +147,7 @@ fn open(options: &FlowOptions) -> Result<(RigFile, Vec<FrameSet>), Failure> {
     let is_recorded = is_recording(&options.folder);
     options.pair.goes_with(!is_recorded, "a folder")?;
     if is_recorded {
-        let Rigged { frames, rig, .. } = options.recording.open(&options.folder, rig)?;
+        let Rigged { frames, rig } = options.recording.open(&options.folder, rig)?;
         let sets = recorded(options, &frames, &rig)?;
         return Ok((rig, sets));
     }

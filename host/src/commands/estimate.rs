@@ -222,7 +222,7 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
         label: Label::default(),
     };
     if is_recorded {
-        let Rigged { frames, rig, .. } = options.recording.open(&options.input, rig)?;
+        let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;
         method.estimator().check_rig(&options.input, &rig)?;
         let rule = options.pose.rule(&rig, options.method, is_points)?;
         return images::run(options, (&rig, view), rule, frames.frame_sets(), printer);

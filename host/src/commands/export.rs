@@ -127,7 +127,7 @@ fn images(options: &ExportOptions, dir: &PathBuf, out: &mut impl Write) -> Resul
     if let (Some(path), Some(rig)) = (&options.rig, &rig) {
         super::warnings::rig(path, rig);
     }
-    let Rigged { frames, rig, .. } = options.recording.open(&options.input, rig)?;
+    let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;
     // A limit of the file size is an error of the write then, and a signal ends between two files.
     interruption::watch().map_err(Failure::Signals)?;
     let mut folders = NewFolders::default();

@@ -75,8 +75,6 @@ pub struct Rigged {
     pub frames: Frames,
     /// The rig that the user gave, or the one in the recording.
     pub rig: RigFile,
-    /// Regions of interest of the recorded run.
-    pub regions: Regions,
 }
 
 impl Default for RecordingInput {
@@ -92,19 +90,28 @@ impl RecordingInput {
     /// Opens the recording at `path`. Without a rig, the recording must hold one: a rig file, or
     /// camera_info of all cameras.
     pub fn open(&self, path: &Path, rig: Option<RigFile>) -> Result<Rigged, Failure> {
-        let rigged = self.open_any(path, rig, true)?;
-        if !rigged.regions.0.is_empty() {
+        let (rigged, survey) = self.open_any(path, rig, true)?;
+        if regions::are_in(&survey) {
             notice!("the regions of the recorded run are not used: --roi and --mask choose some");
         }
         Ok(rigged)
     }
 
-    /// Opens the recording at `path`, which must hold a rig; prints nothing about it.
-    pub fn open_quietly(&self, path: &Path) -> Result<Rigged, Failure> {
-        self.open_any(path, None, false)
+    /// Opens the recording at `path`, which must hold a rig, with the regions of its run; prints
+    /// nothing about it.
+    pub fn open_view(&self, path: &Path) -> Result<(Rigged, Regions), Failure> {
+        let (rigged, survey) = self.open_any(path, None, false)?;
+        let RigFile { names, rig, .. } = &rigged.rig;
+        let regions = regions::read(path, (names, rig.image_size_px), &survey)?;
+        Ok((rigged, regions))
     }
 
-    fn open_any(&self, path: &Path, rig: Option<RigFile>, tells: bool) -> Result<Rigged, Failure> {
+    fn open_any(
+        &self,
+        path: &Path,
+        rig: Option<RigFile>,
+        tells: bool,
+    ) -> Result<(Rigged, Survey), Failure> {
         let source = Source::open(path)?;
         let survey = Survey::of(&source)?;
         if let Some(cut) = &survey.cut {
@@ -137,25 +144,19 @@ impl RecordingInput {
                 }
             },
         };
-        let cameras = (rig.names.as_slice(), rig.rig.image_size_px);
-        let origin = survey.origin.clone().unwrap_or_default();
-        let regions = regions::read(path, cameras, &origin, &survey.masks)?;
         let topics = Topics::find(path, &survey, &rig.names, &self.topics)?;
         let first = topics
             .names()
             .first()
             .and_then(|name| survey.topics.get(name));
-        Ok(Rigged {
-            frames: Frames {
-                period_us: first.map_or(0, |topic| topic.period_us()),
-                source,
-                topics,
-                size_px: rig.rig.image_size_px,
-                tolerance_us: (self.tolerance * 1e3).round() as u64,
-            },
-            rig,
-            regions,
-        })
+        let frames = Frames {
+            period_us: first.map_or(0, |topic| topic.period_us()),
+            source,
+            topics,
+            size_px: rig.rig.image_size_px,
+            tolerance_us: (self.tolerance * 1e3).round() as u64,
+        };
+        Ok((Rigged { frames, rig }, survey))
     }
 }
 

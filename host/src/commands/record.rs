@@ -154,11 +154,10 @@ pub struct Opened {
 }
 
 impl Opened {
-    /// Opens the file at `path` for raw images; `replace` tells which existing files it may
-    /// replace.
-    pub fn at(path: &Path, replace: Replace) -> Result<Self, InputError> {
+    /// Opens a new file for raw images at `path`; an existing file stays as it is.
+    pub fn new(path: &Path) -> Result<Self, InputError> {
         Ok(Self {
-            output: Some(Output::open(path, replace)?),
+            output: Some(Output::open(path, Replace::Nothing)?),
             images: ImageForm::Raw,
         })
     }

@@ -115,7 +115,7 @@ fn recorded(
     let folder = tempfile::tempdir();
     let folder = folder.map_err(|cause| InputError::io(&options.out, "prepare", &cause))?;
     let path = folder.path().join("view.mcap");
-    let recording = Opened::at(&path, Replace::Nothing)?.start(&origin)?;
+    let recording = Opened::new(&path)?.start(&origin)?;
     if let Some(tap) = recording.tap() {
         let keyframe = Measurement {
             stamp_us: frame_set.time_us,
@@ -152,7 +152,7 @@ fn read(options: &ReferenceOptions) -> Result<(FrameSet, RigFile), Failure> {
         frame_sets.nth(options.frame).ok_or_else(missing)?
     };
     if !is_folder {
-        let Rigged { frames, rig, .. } = options.recording.open(path, rig)?;
+        let Rigged { frames, rig } = options.recording.open(path, rig)?;
         return Ok((chosen(&mut frames.frame_sets())?, rig));
     }
     let Some(rig) = rig else {

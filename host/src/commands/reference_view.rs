@@ -32,11 +32,7 @@ impl ReferenceView {
                           FILE.mcap` saves a reference view";
             return Err(InputError::file(path, reason).into());
         }
-        let Rigged {
-            frames,
-            rig,
-            regions,
-        } = RecordingInput::default().open_quietly(path)?;
+        let (Rigged { frames, rig }, regions) = RecordingInput::default().open_view(path)?;
         let first = frames.frame_sets().next();
         let empty = || InputError::file(path, "holds no images");
         let frame_set = first.ok_or_else(empty)??;

@@ -133,7 +133,7 @@ fn settings(
     };
     let cameras = (rig.names.as_slice(), rig.rig.image_size_px);
     Ok(Settings {
-        regions: regions::read(source.path(), cameras, origin, &survey.masks)?,
+        regions: regions::read(source.path(), cameras, survey)?,
         rig: rig.rig,
         names: rig.names,
         estimator,

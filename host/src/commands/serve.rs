@@ -194,7 +194,6 @@ impl ServeOptions {
         !self.control && !self.follow
     }
 
-    /// Returns the largest difference of capture times within a frame set, ms.
     /// Returns the regions of the target that the stage follows; the simulated scene is one target.
     fn regions(&self, rig: &RigFile) -> Regions {
         match self.cameras {
@@ -203,6 +202,7 @@ impl ServeOptions {
         }
     }
 
+    /// Returns the largest difference of capture times within a frame set, ms.
     fn window_ms(&self) -> f64 {
         self.window.unwrap_or((500.0 / self.fps).min(5.0))
     }

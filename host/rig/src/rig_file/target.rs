@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use super::field::Field;
 use crate::error::InputError;
 use crate::printable::is_printable;
+use crate::rectangle::is_within;
 
 /// Largest number of targets.
 pub const MOST_TARGETS: usize = 32;
@@ -113,11 +114,8 @@ pub(super) fn read(
 }
 
 fn check_roi(field: &Field<'_>, roi_px: [u32; 4], size_px: [u32; 2]) -> Result<(), InputError> {
-    let [x, y, width, height] = roi_px;
-    let fits = |at: u32, length: u32, side: u32| {
-        length > 0 && at.checked_add(length).is_some_and(|end| end <= side)
-    };
-    if fits(x, width, size_px[0]) && fits(y, height, size_px[1]) {
+    let [_, _, width, height] = roi_px;
+    if width > 0 && height > 0 && is_within(roi_px, size_px) {
         return Ok(());
     }
     let [columns, rows] = size_px;

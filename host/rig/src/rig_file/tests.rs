@@ -615,6 +615,7 @@ fn impossible_triggers_are_named() {
     for (lines, field) in [
         ("rate_hz = 251\npulse_us = 100", "rate_hz"),
         ("rate_hz = 250\npulse_us = 3501", "pulse_us"),
+        ("rate_hz = 10\npulse_us = 50001", "pulse_us"),
         (
             "rate_hz = 1\npulse_us = 100\nexposure_us = 50001",
             "exposure_us",

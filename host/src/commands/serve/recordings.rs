@@ -8,7 +8,6 @@ use trinocular::calendar::Utc;
 use trinocular::servo::page_recording::{Finish, Recordings};
 use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
-use trinocular_rig::output::Replace;
 use trinocular_rig::printable::printable;
 
 /// Recordings in a folder, with the same origin.
@@ -42,7 +41,7 @@ impl Recordings for FolderRecordings {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
         let name = file_name(since_1970.map_or(0, |since| since.as_secs()));
         let path = self.folder.join(name);
-        let opened = Opened::at(&path, Replace::Nothing).map_err(|error| error.to_string())?;
+        let opened = Opened::new(&path).map_err(|error| error.to_string())?;
         let recording = opened.start(&self.origin);
         let recording = recording.map_err(|failure| failure.to_string())?;
         let tap = recording.tap().ok_or("no recording was begun")?;

@@ -86,9 +86,7 @@ pub fn replay(
     let rig = rig_path
         .map(|path| options.method.read_rig(path))
         .transpose()?;
-    let Rigged {
-        frames, mut rig, ..
-    } = options.recording.open(recording, rig)?;
+    let Rigged { frames, mut rig } = options.recording.open(recording, rig)?;
     options.turn(&mut rig)?;
     if options.method == Estimator::ClosedForm {
         RigFile::parse_in_line(recording, &rig.to_toml())?;

@@ -1,6 +1,7 @@
 //! Rectangles of pixels: left, top, width and height, px.
 
 use super::Image;
+use trinocular_rig::rectangle::is_within;
 
 /// Returns the reason why a rectangle does not lie in an image of this size; `None` if it does.
 ///
@@ -14,10 +15,7 @@ use super::Image;
 pub fn beyond(rectangle_px: [u32; 4], size_px: [u32; 2]) -> Option<String> {
     let [x, y, w, h] = rectangle_px;
     let [width, height] = size_px;
-    let fits =
-        |at: u32, length: u32, side: u32| at.checked_add(length).is_some_and(|end| end <= side);
-    let is_within = fits(x, w, width) && fits(y, h, height);
-    (!is_within)
+    (!is_within(rectangle_px, size_px))
         .then(|| format!("--roi {x},{y},{w},{h} reaches beyond the image of {width} x {height} px"))
 }
 
