@@ -400,8 +400,11 @@ fn board_beyond_the_rectangle_is_ignored() {
     assert_ne!(mixed.stdout, both.stdout, "the other board matters");
     let none = calibrate("both", &["--roi", "left=0,0,80,60"]);
     none.failed_after_notes(1, &["`left`", "--roi 0,0,80,60", "0 of 9 images"]);
-    let beyond = calibrate("both", &["--roi", "0,0,8000,60"]);
-    beyond.failed_after_notes(1, &["`left`", "--roi 0,0,8000,60 reaches beyond the image"]);
+    for roi in ["0,0,8000,60", "8000,0,10,10", "0,8000,10,10"] {
+        let beyond = calibrate("both", &["--roi", roi]);
+        let reason = format!("--roi {roi} reaches beyond the image");
+        beyond.failed_after_notes(1, &["`left`", &reason]);
+    }
     let absent = calibrate("both", &["--roi", "middle=0,0,80,60"]);
     absent.failed(2, &["--roi middle", "the cameras are left"]);
 }

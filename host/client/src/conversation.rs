@@ -173,7 +173,9 @@ impl Client {
                 self.motion.answered(sequence, tick, is_denied);
                 if self.zeroing == Some(sequence) {
                     self.zeroing = None;
-                    self.positions.clear();
+                    if !is_denied {
+                        self.positions.clear();
+                    }
                 }
                 if self.answers.len() == ANSWERS {
                     self.answers.pop_front();
@@ -194,6 +196,7 @@ impl Client {
         self.last_run = None;
         self.status = None;
         self.positions.clear();
+        self.zeroing = None;
         self.answers.clear();
         self.answered_tick = None;
         self.implausible = None;

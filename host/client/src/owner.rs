@@ -179,6 +179,11 @@ pub(crate) fn refuse(stream: &mut Stream, holder: &Holder) -> io::Result<()> {
     )
 }
 
+/// Returns true if a program receives guests at this socket.
+pub(crate) fn is_answered(socket: &Path) -> bool {
+    system::connect(socket).is_ok()
+}
+
 /// Returns this program.
 pub fn this_program() -> Holder {
     let command: Vec<String> = std::env::args_os()

@@ -95,7 +95,7 @@ impl TargetFlows {
     }
 
     /// Measures each target against its keyframe, and relative to the reference if there is one.
-    /// What is refused has the reason.
+    /// A refused target has the reason in its place.
     pub fn measure(
         &mut self,
         rule: &Rule,
@@ -121,22 +121,24 @@ impl TargetFlows {
         let name = &self.names[reference];
         let against = match &measured[reference] {
             Ok(Measured {
+                solution: Ok(solution),
+                pose,
+                ..
+            }) => Ok((*solution, *pose)),
+            Ok(Measured {
                 solution: Err(reason),
                 ..
             })
             | Err(reason) => Err(format!("the reference {name} is refused: {reason}")),
-            Ok(seen) => Ok(seen.clone()),
         };
         for (index, seen) in measured.iter_mut().enumerate() {
-            let (true, Ok(seen)) = (index != reference, seen) else {
-                continue;
-            };
-            let solution = std::mem::replace(&mut seen.solution, Err(String::new()));
-            seen.solution = match (&against, solution) {
-                (Ok(against), Ok(solution)) => Ok(relative(&solution, against)),
-                (Err(reason), Ok(_)) => Err(reason.clone()),
-                (_, Err(reason)) => Err(reason),
-            };
+            if index != reference
+                && let Ok(seen) = seen
+                && let Ok(solution) = &seen.solution
+            {
+                let relative = |(other, pose)| relative(solution, &other, pose);
+                seen.solution = against.clone().map(relative);
+            }
         }
         measured
     }
@@ -163,10 +165,10 @@ impl TargetFlows {
 /// Returns the regions of the target that the stage follows; those given if the view is one target.
 pub fn driving(rig: &RigFile, regions: Regions) -> Regions {
     let driving = rig.targets.iter().find(|target| target.drives);
-    driving.map_or_else(
-        || regions.clone(),
-        |target| within(target, &rig.rig, &regions),
-    )
+    match driving {
+        Some(target) => within(target, &rig.rig, &regions),
+        None => regions,
+    }
 }
 
 /// Returns the regions of all cameras with the target's rectangle.

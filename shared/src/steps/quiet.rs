@@ -16,6 +16,7 @@ impl Segment {
     /// let at = [Position::centre(0); 3];
     /// assert!(segment.is_quiet(&at, 0, 31));
     /// assert!(!segment.is_quiet(&at, 0, 32));
+    /// assert!(!segment.is_quiet(&at, 1, 31));
     /// assert!(segment.is_quiet(&at, 32, 63));
     /// assert!(!segment.is_quiet(&at, 32, 64));
     /// # Ok::<(), trinocular_core::steps::SegmentFault>(())
@@ -23,7 +24,10 @@ impl Segment {
     pub fn is_quiet(&self, at: &[Position; AXES], from: u16, slots: u32) -> bool {
         let all = self.slots();
         // A reversal gives the first slot's step in the second slot.
-        let from = if from < 2 { 0 } else { from.min(all) };
+        let (from, slots) = match from {
+            1 => (0, slots.saturating_add(1)),
+            _ => (from.min(all), slots),
+        };
         let room = all.saturating_sub(from);
         let within = u16::try_from(slots).unwrap_or(room).min(room);
         let beyond = u64::from(slots).saturating_sub(u64::from(within));

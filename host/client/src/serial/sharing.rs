@@ -95,9 +95,14 @@ impl Door {
         owner::socket(&self.port).is_ok_and(|place| place == self.place)
     }
 
-    /// Moves to the place of the device that is behind the port now.
+    /// Moves to the place of the device that is behind the port now, unless another program
+    /// receives guests there.
     fn follow_port(&mut self) {
-        if !self.is_in_place()
+        let Ok(place) = owner::socket(&self.port) else {
+            return;
+        };
+        if place != self.place
+            && !owner::is_answered(&place)
             && let Ok(moved) = Self::open(&self.port)
         {
             *self = moved;
@@ -525,6 +530,11 @@ mod tests {
         assert!(!door.is_in_place());
         symlink(&second, &link).unwrap();
         assert!(!door.is_in_place());
+        // Another program may have that device.
+        let other = Door::open(&second).unwrap();
+        door.follow_port();
+        assert!(!door.is_in_place() && other.is_in_place());
+        drop(other);
         door.follow_port();
         assert!(door.is_in_place());
         assert!(!owner::socket(&first).unwrap().exists());

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::board::Board;
-use super::find::{FoundBoard, find};
+use super::find::{FoundBoard, NotFound, find};
 use super::intrinsics::{self, Intrinsics, Verdict};
 use super::photographs::{self, Photographs};
 use super::rejection::ImageRejection;
@@ -406,6 +406,9 @@ fn corners(
     };
     // What lies beyond the rectangle can neither be taken for the board nor hide it.
     let part = image.part(rectangle_px);
+    if part.grey.is_empty() {
+        return Err(NotFound::Nothing.into());
+    }
     let mut found = find(&part, &settings.board, settings.half_window)?;
     let [left, top, ..] = rectangle_px.map(f64::from);
     for [x, y] in &mut found.corners {

@@ -1,17 +1,22 @@
 //! Cameras that were moved against each other since the keyframe.
 //!
 //! Each instant by itself gives the misfit of a camera's pixel against the point that all cameras
-//! see. Errors of the calibration are in both instants; what the mean over all points has changed
-//! is not of the target, whose motion does not enter, but of the cameras. A part of a shift along
-//! the baseline looks like a change of depth and stays unseen.
+//! see. What the mean over all points has changed is not of the target, whose motion does not
+//! enter, but of the cameras. Errors of the calibration are in both instants, up to a small share of
+//! the points' motion in the image. A part of a shift along the baseline looks like a change of
+//! depth and stays unseen.
 
 use super::Correspondence;
 use super::active_cameras::ActiveCameras;
+use super::sync::mean_flow;
 use trinocular_core::rig::Rig;
 use trinocular_core::sums::View;
 
-/// Least shift that counts, px.
+/// Least shift that counts, px, of a target at rest.
 const LEAST_PX: f64 = 0.02;
+/// Least shift that counts, as a share of the motion in the image: more than focal lengths that are
+/// wrong by half a percent make of it.
+const LEAST_SHARE: f64 = 0.005;
 /// Least shift that counts, in standard deviations of the mean.
 const LEAST_SIGMAS: f64 = 6.0;
 
@@ -34,7 +39,7 @@ impl CameraShift {
         let arms = &active.geometry.arms;
         let count = inliers.len() as f64;
         let mut sums = vec![[[0.0; 2]; 2]; arms.cameras()];
-        let mut inverse_depths = 0.0;
+        let (mut inverse_depths, mut flow) = (0.0, [0.0; 2]);
         for inlier in inliers {
             let instant = |of: fn(&View) -> [f64; 2]| {
                 let (inverse_depth, direction) = arms.fit(inlier.views.iter().map(of));
@@ -49,6 +54,9 @@ impl CameraShift {
             let (_, before) = instant(|view| view.start);
             let (inverse_depth, now) = instant(|view| view.end);
             inverse_depths += inverse_depth / count;
+            for (sum, mean) in flow.iter_mut().zip(mean_flow(inlier)) {
+                *sum += mean / count;
+            }
             for (sums, (before, now)) in sums.iter_mut().zip(before.iter().zip(now)) {
                 for axis in 0..2 {
                     let change = now[axis] - before[axis];
@@ -57,6 +65,8 @@ impl CameraShift {
                 }
             }
         }
+        let focal_px = active.geometry.focal_px;
+        let least_px = LEAST_PX.max(LEAST_SHARE * flow[0].hypot(flow[1]) * focal_px);
         let shifts = sums
             .iter()
             .zip(&active.cameras)
@@ -65,13 +75,13 @@ impl CameraShift {
                 let variance = [0, 1].map(|i| (squares[i] - mean[i] * mean[i]).max(0.0) / count);
                 let size = mean[0].hypot(mean[1]);
                 let is_significant = size > LEAST_SIGMAS * (variance[0] + variance[1]).sqrt();
-                let shift_px = mean.map(|mean| mean * active.geometry.focal_px);
+                let shift_px = mean.map(|mean| mean * focal_px);
                 let shift = Self {
                     camera: *camera,
                     shift_px,
                     at_target_mm: size / inverse_depths,
                 };
-                (is_significant && shift.size_px() > LEAST_PX).then_some(shift)
+                (is_significant && shift.size_px() > least_px).then_some(shift)
             });
         shifts.max_by(|a, b| a.size_px().total_cmp(&b.size_px()))
     }
@@ -118,6 +128,20 @@ mod tests {
     #[test]
     fn cameras_that_stand_still_have_no_shift() {
         assert_eq!(found(None), None);
+    }
+
+    /// The motion of 30 mm is 17 px in the image.
+    #[test]
+    fn wrong_focal_length_is_no_shift() {
+        let cloud = Cloud::new();
+        let displaced = |_: usize, [x, y, z]: [f64; 3]| [x + 30.0, y, z];
+        let mut points = cloud.points(displaced, independent(0.0, 3));
+        for view in points.iter_mut().map(|point| &mut point.views[0]) {
+            view.start = view.start.map(|at| 1.003 * at);
+            view.end = view.end.map(|at| 1.003 * at);
+        }
+        let found = CameraShift::find(&cloud.geometry.rig, &[0, 1, 2], &points);
+        assert_eq!(found, None);
     }
 
     #[test]

@@ -81,14 +81,15 @@ impl InlierCoverage {
         let mut inlier_cells: Vec<usize> = inliers.iter().map(cell_of).collect();
         inlier_cells.sort_unstable();
         inlier_cells.dedup();
-        // A place in the reference image is in the rectangle of another camera as its nearest match
-        // is.
+        // The rectangles of the other cameras hold, too: a place is taken to be as far away as the
+        // match nearest to it.
         let shifts = RegionShifts::of(keyframe, regions, reference);
         let allows = |at| regions.allow_start(camera, at) && shifts.allow(at);
+        let places: Vec<[f64; 2]> = grid.places(allows).collect();
         let mut coverage = Self {
             inlier_cells: inlier_cells.len(),
             outlier_cells: 0,
-            visible_cells: grid.places(allows).count(),
+            visible_cells: places.len(),
         };
         if coverage.is_most() {
             return coverage;
@@ -118,7 +119,7 @@ impl InlierCoverage {
         let is_there = |corner| tracker.is_at_prediction(corner);
         let are_there = matcher.thread_pool.map(others.clone(), is_there);
         coverage.inlier_cells += are_there.iter().filter(|is| **is).count();
-        let in_view = grid.places(allows).filter(|at| tracker.stays_in_view(*at));
+        let in_view = places.iter().filter(|at| tracker.stays_in_view(**at));
         coverage.visible_cells = in_view.count();
         if coverage.is_most() {
             return coverage;

@@ -1,10 +1,11 @@
 //! Motion of a target relative to the reference target.
 
-use crate::estimation::{Measured, SIGNIFICANT, Solution, Turn};
+use crate::estimation::{SIGNIFICANT, Solution, Turn};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use trinocular_core::estimate::pose::Estimate;
 
-/// Returns the motion of a target relative to the reference.
+/// Returns the motion of a target relative to the reference, whose pose is `pose` if rotations are
+/// estimated.
 ///
 /// Without rotations it is the difference of the displacements. Otherwise it is the motion in axes
 /// that are fixed to the reference, of which `R` is the rotation and `d_r(p)` the displacement that
@@ -15,9 +16,13 @@ use trinocular_core::estimate::pose::Estimate;
 /// ```
 ///
 /// The two are measured with different points, so that their errors are independent.
-pub(super) fn relative(target: &Solution, reference: &Measured) -> Solution {
+pub(super) fn relative(
+    target: &Solution,
+    reference: &Solution,
+    pose: Option<Estimate>,
+) -> Solution {
     let pivot_mm = target.turn.and_then(|turn| turn.pivot_mm);
-    let (Some(pose), Some(pivot_mm), Some(turn)) = (&reference.pose, pivot_mm, target.turn) else {
+    let (Some(pose), Some(pivot_mm), Some(turn)) = (pose, pivot_mm, target.turn) else {
         return difference(target, reference);
     };
     let axes = Rotation3::from_scaled_axis(Vector3::from(pose.rotation_rad())).inverse();
@@ -30,15 +35,12 @@ pub(super) fn relative(target: &Solution, reference: &Measured) -> Solution {
         target,
         (axes * moved).into(),
         covariance_mm2,
-        Some(relative_turn(&axes, turn, pose)),
+        Some(relative_turn(&axes, turn, &pose)),
     )
 }
 
 /// Returns the difference of two displacements without rotation.
-fn difference(target: &Solution, reference: &Measured) -> Solution {
-    let Ok(other) = &reference.solution else {
-        return *target;
-    };
+fn difference(target: &Solution, other: &Solution) -> Solution {
     let moved = [0, 1, 2].map(|i| target.displacement_mm[i] - other.displacement_mm[i]);
     let covariances = target.covariance_mm2.zip(other.covariance_mm2);
     let covariance_mm2 = covariances.map(|(a, b)| rows(matrix(a) + matrix(b)));

@@ -183,18 +183,20 @@ impl Swing {
         self.oscillator.update(position, variance, dt, reach);
         self.capture = capture;
         let noise = with_quantisation(variance);
-        if self.oscillator.variance(lead) > KEEP * noise {
+        let promised = self.oscillator.variance(lead);
+        if promised > KEEP * noise {
             self.gain = 0.0;
         }
         self.bet.age += dt;
         if self.bet.age >= lead {
-            self.judge(lead, position, noise, reach);
+            self.judge(promised, position, noise, reach);
             self.bet = Bet::new(filter.position(), velocity, self.oscillator.motion());
         }
     }
 
-    /// Judges the predictions by a measurement with the variance `noise`.
-    fn judge(&mut self, lead: f32, measured: i64, noise: f32, reach: KinematicLimits) {
+    /// Judges the predictions by a measurement with the variance `noise`. The oscillator promises
+    /// the next prediction with the variance `promised`.
+    fn judge(&mut self, promised: f32, measured: i64, noise: f32, reach: KinematicLimits) {
         let error = |predicted: i64| steps(measured.saturating_sub(predicted));
         let (plain, swinging) = (error(self.bet.plain()), error(self.bet.swinging()));
         let between = plain - swinging;
@@ -204,7 +206,7 @@ impl Swing {
         if leads && self.score <= 0.0 {
             self.gain = 0.0;
         }
-        if !leads && self.score > LEAD && self.oscillator.variance(lead) <= TRUST * noise {
+        if !leads && self.score > LEAD && promised <= TRUST * noise {
             let jerk = self.oscillator.motion().jerk();
             self.gain = within(EASY * most_jerk(reach) / jerk, LEAST_GAIN, 1.0);
         }
