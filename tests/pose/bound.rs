@@ -146,6 +146,21 @@ fn pose_reaches_bound() {
     sweep(150, &[50, 200], &[0.02, 0.1], &[0.0, 5.0, 20.0]);
 }
 
+/// A quarter turn, half a turn, and between them.
+#[test]
+fn pose_reaches_bound_at_any_turn_about_z() {
+    for (seed, degrees) in [(71, 90.0), (72, 135.0), (73, 180.0)] {
+        for (name, shape) in [("poster", POSTER), ("relief", RELIEF)] {
+            let made = scene(shape, 100, [0.1, 0.2, 1.0], degrees);
+            let solve = |scene: &Scene, random: &mut Random| {
+                pose::solve(&scene.geometry, &scene.noisy(0.05, random)).unwrap()
+            };
+            let found = run(150, seed, made, solve, |scene| bound(scene, 0.05));
+            assert_good(&format!("{name}, {degrees} deg about z"), &found);
+        }
+    }
+}
+
 /// `POSE_TRIALS=1000`, as in `tests/run --all`, makes the long sweep.
 #[test]
 #[ignore = "takes a minute; tests/run --all includes it"]

@@ -1,10 +1,10 @@
 //! Laws that hold without noise, and refusals.
 
 use super::scene::{LINE, PIVOT_MM, POSTER, RELIEF, Scene};
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use proptest::prelude::*;
 use trinocular_core::estimate::midpoint;
-use trinocular_core::estimate::pose::{self, Noise, Observation, Refusal};
+use trinocular_core::estimate::pose::{self, Estimate, Noise, Observation, Refusal};
 use trinocular_core::sums::centred::CentredSums;
 use trinocular_rig::random::Random;
 use trinocular_tests::points::ideal_rig;
@@ -55,6 +55,35 @@ proptest! {
         }
     }
 
+    /// Any rotation about z, half a turn included, and about axes up to 25 degrees beside it.
+    #[test]
+    fn turn_about_z_is_exact_at_any_angle(
+        seed in 0u64..1_000_000,
+        cameras in prop::sample::select(vec![PAIR, &LINE[..], CROSS]),
+        moved in prop::array::uniform3(-150.0..150.0f64),
+        tilt in prop::array::uniform2(-0.33..0.33f64),
+        degrees in prop_oneof![-360.0..360.0f64, Just(90.0), Just(180.0), Just(-120.0)],
+    ) {
+        let random = &mut Random::seeded(seed);
+        let axis = [tilt[0], tilt[1], 1.0];
+        let scene = Scene::new(cameras, RELIEF, 20, random).moved(moved, axis, degrees);
+        let pose = pose::solve(&scene.geometry, &scene.exact()).unwrap();
+        let off = largest(pose.displacement_of(PIVOT_MM).displacement_mm, moved);
+        prop_assert!(off < 1e-9, "{off} mm");
+        // Rotation vectors of half a turn have two signs; matrices do not.
+        let (got, wanted) = (pose.rotation(), scene.rotation());
+        let vector = Rotation3::new(Vector3::from(pose.rotation_rad()));
+        for (i, row) in got.iter().enumerate() {
+            for (j, value) in row.iter().enumerate() {
+                prop_assert!((value - wanted[(i, j)]).abs() < 1e-11, "{got:?}");
+                prop_assert!((value - vector[(i, j)]).abs() < 1e-11, "{vector}");
+            }
+        }
+        let place = scene.points_mm[0];
+        let off = largest(pose.apply(place), scene.after(place));
+        prop_assert!(off < 1e-9, "{off} mm");
+    }
+
     /// The order of the cameras does not matter, and a displaced rig sees the same motion.
     #[test]
     fn pose_does_not_depend_on_labels(seed in 0u64..1_000_000, axis in axis()) {
@@ -102,6 +131,25 @@ proptest! {
 
 /// A target that does not turn: the pose differs from the midpoint by less than 0.75 sigma with
 /// noise, and by less than 1e-9 mm without.
+/// A pose before and one after: what a search does with a displacement, and with a further turn.
+#[test]
+fn poses_are_composed() {
+    let random = &mut Random::seeded(7);
+    for degrees in [12.0, 80.0, 175.0] {
+        let scene = Scene::new(&LINE, RELIEF, 20, random);
+        let scene = scene.moved([9.0, -30.0, 20.0], [0.2, -0.1, 1.0], degrees);
+        let pose = pose::solve(&scene.geometry, &scene.exact()).unwrap();
+        let place = [40.0, -25.0, 870.0];
+        let shifted = pose.preceded_by([3.0, 4.0, -5.0]);
+        let wanted = pose.apply([43.0, -21.0, 865.0]);
+        assert!(largest(shifted.apply(place), wanted) < 1e-9);
+        let (about, omega) = ([5.0, -8.0, 0.0], [0.1, 0.05, -0.2]);
+        let then = Estimate::exact(omega, about, [0.0; 3]);
+        let both = pose.followed_by(omega, about);
+        assert!(largest(both.apply(place), then.apply(pose.apply(place))) < 1e-9);
+    }
+}
+
 #[test]
 fn still_target_agrees_with_midpoint() {
     let random = &mut Random::seeded(5);
@@ -181,7 +229,7 @@ fn undetermined_rotations_are_refused() {
     let mut wrong = seen.clone();
     wrong[3].end[2] = f64::NAN;
     assert_eq!(solve(&wrong), Some(Refusal::OutOfRange));
-    // A half turn has no Cayley vector.
-    let half = Scene::new(&LINE, RELIEF, 20, random).moved([1.0; 3], [0.0, 1.0, 0.2], 180.0);
+    // A half turn about an axis across z has no Cayley vector, after no quarter turn about z.
+    let half = Scene::new(&LINE, RELIEF, 20, random).moved([1.0; 3], [0.3, 1.0, 0.0], 180.0);
     assert_eq!(solve(&half.exact()), Some(Refusal::Degenerate));
 }

@@ -316,7 +316,7 @@ impl Rule {
     /// The refusal of the flow in words.
     pub fn of_filtered(
         &self,
-        flow: &Flow,
+        flow: &mut Flow,
         rig: &Rig,
         filtered: &FilteredFrameSet,
     ) -> Result<Measured, String> {

@@ -106,7 +106,7 @@ impl TargetFlows {
             Ok(filtered) => filtered,
             Err(refusal) => return vec![Err(refusal.to_string()); self.flows.len()],
         };
-        let flows = self.flows.iter().zip(&self.refusals);
+        let flows = self.flows.iter_mut().zip(&self.refusals);
         let measured = flows.map(|(flow, refusal)| match refusal {
             Some(refusal) => Err(format!("no keyframe: {refusal}")),
             None => rule.of_filtered(flow, rig, &filtered),

@@ -110,6 +110,7 @@ impl Flow {
         // allocator would return it to the system and ask for it again at once.
         let old = self.keyframe.take();
         self.reduced = None;
+        self.last_pose = None;
         // Corners are chosen in the whole image of the reference camera.
         let active = self.active_cameras(&filtered.camera_refusals);
         let reference = active.ok().and_then(|active| active.reference_camera());

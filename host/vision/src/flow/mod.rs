@@ -59,6 +59,7 @@
 use crate::images::FrameSet;
 use crate::matching::geometry::RigGeometry;
 use crate::thread_pool::ThreadPool;
+use trinocular_core::estimate::pose::Estimate;
 use trinocular_core::rig::Rig;
 use trinocular_rig::pivot::Pivot;
 
@@ -120,6 +121,8 @@ pub struct Flow {
     regions: Regions,
     pivot: Option<Pivot>,
     keyframe: Option<Keyframe>,
+    /// Last pose that was measured against the keyframe.
+    last_pose: Option<Estimate>,
     /// Tracker at half the resolution, which has the keyframe if its images are soft.
     reduced: Option<Box<Flow>>,
     frozen_cameras: FrozenCameras,
@@ -140,6 +143,7 @@ impl Flow {
             regions: Regions::default(),
             pivot: None,
             keyframe: None,
+            last_pose: None,
             reduced: None,
             frozen_cameras: FrozenCameras::default(),
             pyramid_pool: PyramidPool::default(),
@@ -175,6 +179,7 @@ impl Flow {
             Ok(filtered) => self.set_filtered_keyframe(filtered, &mut ()),
             Err(refusal) => {
                 self.keyframe = None;
+                self.last_pose = None;
                 self.reduced = None;
                 Err(refusal)
             }

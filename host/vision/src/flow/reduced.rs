@@ -69,6 +69,7 @@ impl Flow {
             regions: self.regions.halved(),
             pivot: None,
             keyframe: None,
+            last_pose: None,
             reduced: None,
             frozen_cameras: Default::default(),
             pyramid_pool: Default::default(),

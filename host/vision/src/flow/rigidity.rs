@@ -21,7 +21,7 @@ use super::Correspondence;
 use crate::matching::geometry::RigGeometry;
 use halves::halves;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
-use trinocular_core::estimate::pose::{self, Estimate, Observation};
+use trinocular_core::estimate::pose::{self, Estimate, Observation, QuarterTurn};
 
 /// `χ²` above which the halves are different objects for certain.
 const CERTAIN: f64 = 100.0;
@@ -40,12 +40,17 @@ pub(super) struct Rigidity {
 
 impl Rigidity {
     /// Compares the halves of `inliers`, whose variance inflation factor is `factor`. Halves that do
-    /// not determine a pose are not compared.
-    pub(super) fn of(geometry: &RigGeometry, inliers: &[Correspondence], factor: f64) -> Self {
+    /// not determine a pose are not compared. All are turned first as the pose of all is.
+    pub(super) fn of(
+        geometry: &RigGeometry,
+        inliers: &[Correspondence],
+        first: QuarterTurn,
+        factor: f64,
+    ) -> Self {
         let solve = |half: Vec<usize>| {
             let views = half.iter().map(|i| &inliers[*i].views);
             let seen = views.filter_map(|views| Observation::new(&geometry.arms, views));
-            pose::solve(&geometry.arms, &seen.collect::<Vec<_>>()).ok()
+            pose::solve_after(first, &geometry.arms, &seen.collect::<Vec<_>>()).ok()
         };
         let compared = halves(geometry, inliers).into_iter().filter_map(|halves| {
             let [a, b] = halves.map(solve);
@@ -110,7 +115,7 @@ mod tests {
             })
         };
         let points = cloud.points(motion, independent(0.02, seed));
-        Rigidity::of(&cloud.geometry, &points, 1.0)
+        Rigidity::of(&cloud.geometry, &points, QuarterTurn::default(), 1.0)
     }
 
     #[test]

@@ -17,6 +17,7 @@ mod consensus;
 mod corners;
 mod predictor;
 mod search;
+mod turned_back;
 
 use super::accept::Tracking;
 use super::camera_refusal::CameraRefusal;
@@ -36,7 +37,9 @@ use consensus::{RigidConsensus, rigid_consensus};
 use corners::PosedCorners;
 use nalgebra::Vector3;
 use predictor::{Predictor, Surface};
+use search::RoughPose;
 use trinocular_core::estimate::pose::Estimate;
+use turned_back::TurnedBack;
 
 /// Rounds of tracking with turned windows.
 const ROUNDS: usize = 2;
@@ -48,6 +51,10 @@ const ROUGH_INLIER_PX: f64 = 0.5;
 const ROUGH_FAR_PX: f64 = 2.0;
 /// The same in a consensus of turned windows.
 const FAR_PX: f64 = 0.5;
+
+/// Least rotation of the last pose for which the search begins there, degrees. The result of a
+/// smaller one depends on the keyframe and the images alone.
+const NEAR_DEG: f64 = 4.0;
 
 /// Displacement and rotation of the target since the keyframe, and its points.
 #[derive(Clone, Debug)]
@@ -130,10 +137,10 @@ impl Flow {
     /// # Errors
     /// [`FlowRefusal`] if the pose cannot be measured; the keyframe stays.
     pub fn measure_filtered_pose(
-        &self,
+        &mut self,
         now: &FilteredFrameSet,
     ) -> Result<PoseMeasurement, FlowRefusal> {
-        if let Some(reduced) = &self.reduced {
+        if let Some(reduced) = &mut self.reduced {
             let measured = reduced.measure_filtered_pose(&reduced.halved(now));
             return measured.map(PoseMeasurement::enlarged);
         }
@@ -141,11 +148,13 @@ impl Flow {
         let (mut measurement, refused_cameras) =
             self.track_synchronised(keyframe, now, |active| self.track_pose(active, now))?;
         measurement.refused_cameras = refused_cameras;
+        self.last_pose = Some(measurement.pose);
         Ok(measurement)
     }
 
-    /// Tracks the keyframe's points into the frame set `now`. The result also names a camera that
-    /// is not synchronised with the others.
+    /// Tracks the keyframe's points into the frame set `now`: near the last pose if the target has
+    /// turned, otherwise or if that fails from nothing. The result also names a camera that is not
+    /// synchronised with the others.
     ///
     /// # Errors
     /// [`FlowRefusal`] for reasons that no single camera can cause.
@@ -156,41 +165,66 @@ impl Flow {
     ) -> Result<Tracking<PoseMeasurement>, FlowRefusal> {
         let select = |pyramids| keyframe.active.select(pyramids);
         let (before, now) = (select(keyframe.pyramids), select(&now.pyramids));
-        let geometry = &keyframe.active.geometry;
         let matcher = TemporalMatcher {
-            geometry,
+            geometry: &keyframe.active.geometry,
             settings: &self.settings,
             before: &before,
             now: &now,
             thread_pool: &self.thread_pool,
         };
-        let rough = self.rough_pose(keyframe, &matcher)?;
         let surface = Surface::of(keyframe.matches);
-        let mut tracking = match self.refined(keyframe, &matcher, surface, &rough.pose) {
+        let track = |rough: RoughPose| self.track_from(keyframe, &matcher, surface, &rough);
+        let near = self.last_pose.filter(is_turned).and_then(|last| {
+            let rough = self.rough_pose_near(keyframe, &matcher, surface, last);
+            Some(track(rough.ok()?))
+        });
+        let near = match near {
+            Some(tracking) if tracking.result.is_ok() => return Ok(tracking),
+            refused => refused,
+        };
+        match self.rough_pose(keyframe, &matcher, surface) {
+            Ok(rough) => Ok(track(rough)),
+            // The last pose explains the images better than none.
+            Err(lost) => near.ok_or(lost),
+        }
+    }
+
+    /// Tracks all points from a rough pose.
+    fn track_from(
+        &self,
+        keyframe: &ActiveKeyframe<'_>,
+        matcher: &TemporalMatcher<'_>,
+        surface: Surface,
+        rough: &RoughPose,
+    ) -> Tracking<PoseMeasurement> {
+        let geometry = matcher.geometry;
+        let mut tracking = match self.refined(keyframe, matcher, surface, &rough.pose) {
             Ok((tracks, found)) => self.accept_pose(keyframe.active, tracks, &found),
             Err(refusal) => Tracking::refused(refusal),
         };
         match &tracking.result {
             Ok(measurement) => {
                 let level = self.temporal_level();
-                let upright = (rough.turn_rad != 0.0)
-                    .then(|| ZnccPlane::new(&now[geometry.reference].coarse()[level - 1]));
-                let upright = upright.as_ref().map(|coarse| (coarse, 0.0));
-                let planes = upright.into_iter().chain([(&rough.coarse, rough.turn_rad)]);
+                let upright = (rough.turned_back.as_ref())
+                    .map(|_| ZnccPlane::new(&matcher.now[geometry.reference].coarse()[level - 1]));
+                let turned_back = (rough.turned_back.as_ref())
+                    .map(|pose| TurnedBack::new(geometry, surface, pose));
+                let upright = upright.as_ref().map(|coarse| (coarse, None));
+                let planes = upright.into_iter().chain([(&rough.coarse, turned_back)]);
                 let motion = PosedCorners {
-                    matcher: &matcher,
+                    matcher,
                     predictor: Predictor {
                         geometry,
                         pose: &measurement.pose,
                         surface,
                     },
                     searches: planes
-                        .map(|(coarse, turn_rad)| (self.search(keyframe, coarse), turn_rad))
+                        .map(|(coarse, turned_back)| (self.search(keyframe, coarse), turned_back))
                         .collect(),
                 };
                 let inliers = &measurement.correspondences;
                 let coverage =
-                    InlierCoverage::of(keyframe, &matcher, &motion, inliers, &self.regions);
+                    InlierCoverage::of(keyframe, matcher, &motion, inliers, &self.regions);
                 if let Err(refusal) = coverage.judge() {
                     tracking.result = Err(refusal);
                 }
@@ -198,11 +232,11 @@ impl Flow {
             // An unsynchronised camera may have spoiled every point.
             Err(FlowRefusal::FewTracks { .. } | FlowRefusal::NoAgreement { .. }) => {
                 tracking.unsynchronised =
-                    self.find_unsynchronised_turned(keyframe, &matcher, surface, &rough.pose);
+                    self.find_unsynchronised_turned(keyframe, matcher, surface, &rough.pose);
             }
             Err(_) => {}
         }
-        Ok(tracking)
+        tracking
     }
 
     /// Tracks all points with windows turned by the pose so far and finds the pose that most of
@@ -277,6 +311,11 @@ impl Flow {
         let camera = Some(camera).filter(UnsynchronisedCamera::is_unsynchronised)?;
         camera.in_rig(keyframe.active)
     }
+}
+
+/// Returns true if a pose turns the image too much for a search from nothing.
+fn is_turned(pose: &Estimate) -> bool {
+    Vector3::from(pose.rotation_deg()).norm() > NEAR_DEG
 }
 
 #[cfg(test)]

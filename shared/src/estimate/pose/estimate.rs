@@ -1,6 +1,7 @@
 //! The pose with its covariance, for any point of the target.
 
 use super::normal::Solution;
+use super::quarter_turn::{QuarterTurn, Turned};
 use super::{Observation, cayley};
 use crate::sums::centred::Geometry;
 use libm::sqrt;
@@ -12,6 +13,8 @@ use nalgebra::{Matrix3, Matrix3x6, SMatrix, Vector3};
 /// z away).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
+    /// Turn of the keyframe's points that comes first; all below is of the motion after it.
+    pub first: QuarterTurn,
     /// Displacement `s` of the point whose mean of both instants is `middle_mm`, mm.
     pub s_mm: [f64; 3],
     /// Cayley vector `ω = tan(θ/2) n`, dimensionless.
@@ -45,20 +48,22 @@ impl PivotDisplacement {
 impl Estimate {
     pub(super) fn new(
         geometry: &Geometry,
-        observations: &[Observation],
+        observations: &Turned<'_>,
         middle: &Vector3<f64>,
         solution: &Solution,
         variance: f64,
     ) -> Self {
         let [x, y] = geometry.centre_mm();
         let centre = Vector3::new(x, y, 0.0);
-        let starts: Vector3<f64> = observations.iter().map(Observation::start_mm).sum();
+        let all = observations.all;
+        let starts: Vector3<f64> = all.iter().map(Observation::start_mm).sum();
         let [s0, s1, s2, w0, w1, w2] = solution.theta.into();
         Self {
+            first: observations.first,
             s_mm: [s0, s1, s2],
             omega: [w0, w1, w2],
             middle_mm: (middle + centre).into(),
-            centroid_mm: (starts / observations.len() as f64 + centre).into(),
+            centroid_mm: (starts / all.len() as f64 + centre).into(),
             covariance: rows(&(variance * solution.inverse)),
             sigma: sqrt(variance),
         }
@@ -70,12 +75,41 @@ impl Estimate {
         let displacement = Vector3::from(displacement_mm);
         let s = displacement - Vector3::from(omega).cross(&displacement);
         Self {
+            first: QuarterTurn::default(),
             s_mm: s.into(),
             omega,
             middle_mm: pivot_mm,
             centroid_mm: pivot_mm,
             covariance: [[0.0; 6]; 6],
             sigma: 0.0,
+        }
+    }
+
+    /// Returns the pose of a displacement that is followed by this pose; its covariance is this
+    /// one's.
+    pub fn preceded_by(self, displacement_mm: [f64; 3]) -> Self {
+        let turned = Vector3::from(self.first.turned(displacement_mm));
+        let after = |place: [f64; 3], moved: &Vector3<f64>| (Vector3::from(place) - moved).into();
+        Self {
+            s_mm: (Vector3::from(self.s_mm) + turned - self.cayley().cross(&turned)).into(),
+            middle_mm: after(self.middle_mm, &turned),
+            centroid_mm: after(self.centroid_mm, &displacement_mm.into()),
+            ..self
+        }
+    }
+
+    /// Returns the exact pose of this one followed by a rotation by the Cayley vector `omega` about
+    /// the place `about_mm`, which turns by less than half a turn in all.
+    pub fn followed_by(self, omega: [f64; 3], about_mm: [f64; 3]) -> Self {
+        let (then, own) = (Vector3::from(omega), self.cayley());
+        let sum = (own + then + then.cross(&own)) / (1.0 - own.dot(&then));
+        let about = Vector3::from(about_mm);
+        let middle = Vector3::from(self.middle_mm);
+        let arrived = middle + self.displacement_of_turned(self.middle_mm);
+        let place = about + cayley::matrix(&then) * (arrived - about);
+        Self {
+            first: self.first,
+            ..Self::exact(sum.into(), self.middle_mm, (place - middle).into())
         }
     }
 
@@ -94,7 +128,11 @@ impl Estimate {
 
     /// Returns the rotation matrix `R`, row by row.
     pub fn rotation(&self) -> [[f64; 3]; 3] {
-        rows(&cayley::matrix(&self.cayley()))
+        let rest = cayley::matrix(&self.cayley());
+        match self.first.is_none() {
+            true => rows(&rest),
+            false => rows(&(rest * self.first.matrix())),
+        }
     }
 
     /// Returns the translation `t` of `p1 = R p0 + t`, mm: the displacement of the target's point
@@ -119,14 +157,24 @@ impl Estimate {
     }
 
     fn displacement(&self, pivot_mm: [f64; 3]) -> Vector3<f64> {
+        let turned_mm = self.first.place(pivot_mm);
+        let rest = self.displacement_of_turned(turned_mm);
+        match self.first.is_none() {
+            true => rest,
+            false => rest + (Vector3::from(turned_mm) - Vector3::from(pivot_mm)),
+        }
+    }
+
+    /// Returns the displacement of a point after the first turn, mm.
+    fn displacement_of_turned(&self, turned_mm: [f64; 3]) -> Vector3<f64> {
         let omega = self.cayley();
-        let arm = Vector3::from(pivot_mm) - Vector3::from(self.middle_mm);
+        let arm = Vector3::from(turned_mm) - Vector3::from(self.middle_mm);
         cayley::half_inverse(&omega) * (Vector3::from(self.s_mm) + 2.0 * omega.cross(&arm))
     }
 
-    /// Returns the rotation vector: axis times angle, rad.
+    /// Returns the rotation vector: axis times angle, rad, at most half a turn.
     pub fn rotation_rad(&self) -> [f64; 3] {
-        cayley::vector(&self.cayley()).into()
+        self.first.followed_by(&self.cayley()).into()
     }
 
     /// Returns the rotation vector, degrees.
@@ -151,6 +199,12 @@ impl Estimate {
     /// Returns the squared rotation over its variance: χ² with 3 degrees of freedom if the target
     /// did not turn. `None` if the covariance is singular, as that of points without noise.
     pub fn rotation_chi_squared(&self) -> Option<f64> {
+        if !self.first.is_none() {
+            let rotation = Vector3::from(self.rotation_rad());
+            let covariance = self.rotation_covariance_rad2();
+            let covariance = Matrix3::from_fn(|i, j| covariance[i][j]);
+            return Some(rotation.dot(&covariance.cholesky()?.solve(&rotation)));
+        }
         let omega = self.cayley();
         let covariance = self.covariance().fixed_view::<3, 3>(3, 3).into_owned();
         Some(omega.dot(&covariance.cholesky()?.solve(&omega)))
@@ -167,9 +221,10 @@ impl Estimate {
     pub fn displacement_of(&self, pivot_mm: [f64; 3]) -> PivotDisplacement {
         let omega = self.cayley();
         let half = cayley::half_inverse(&omega);
-        let arm = Vector3::from(pivot_mm) - Vector3::from(self.middle_mm);
+        let turned_mm = self.first.place(pivot_mm);
+        let arm = Vector3::from(turned_mm) - Vector3::from(self.middle_mm);
         let displacement = self.displacement(pivot_mm);
-        let lever = (2.0 * arm + displacement).cross_matrix();
+        let lever = (2.0 * arm + self.displacement_of_turned(turned_mm)).cross_matrix();
         let mut derivative = Matrix3x6::zeros();
         derivative.fixed_view_mut::<3, 3>(0, 0).copy_from(&half);
         derivative

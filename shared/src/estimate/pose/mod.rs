@@ -26,6 +26,13 @@
 //! There are no start values and no iterations. [`plain`], [`noise_removed`] and [`reweighted`]
 //! are the stages; [`solve`] is the last with noise taken from the observations themselves.
 //!
+//! # Rotations of half a turn
+//!
+//! A half turn has no Cayley vector. If the image has turned by more than 60°, all points of the
+//! keyframe are turned about the cameras' axis first, by a multiple of 90° ([`QuarterTurn`]), and
+//! the rotation that is left is estimated. Rotations about z may therefore be of any size (tests
+//! `turn_about_z_is_exact_at_any_angle` and `pose_reaches_bound_at_any_turn_about_z`).
+//!
 //! # Accuracy
 //!
 //! Without noise the error is that of rounding at any rotation below 180° (test
@@ -44,15 +51,18 @@ mod estimate;
 mod noise;
 mod normal;
 mod observation;
+mod quarter_turn;
 
 pub use estimate::{Estimate, PivotDisplacement};
 pub use noise::Noise;
 pub use observation::Observation;
+pub use quarter_turn::QuarterTurn;
 
 use crate::sums::centred::Geometry;
 use equation::{Equation, Weight};
 use nalgebra::Vector3;
 use normal::{Normal, Solution};
+use quarter_turn::Turned;
 
 /// Smallest number of points that determine a rotation.
 pub const LEAST_POINTS: usize = 3;
@@ -66,8 +76,8 @@ const MIN_SPREAD: f64 = 1e-8;
 pub enum Refusal {
     /// Fewer than three points.
     TooFewPoints,
-    /// The points do not determine a rotation: they are in one place, on one line, turned by 180°,
-    /// or as close to one of these as their noise.
+    /// The points do not determine a rotation: they are in one place, on one line, turned by 180°
+    /// about an axis across z, or as close to one of these as their noise.
     Degenerate,
     /// A number is not finite.
     OutOfRange,
@@ -120,7 +130,28 @@ impl core::error::Error for Refusal {}
 /// # Ok::<(), trinocular_core::estimate::Refusal>(())
 /// ```
 pub fn solve(geometry: &Geometry, observations: &[Observation]) -> Result<Estimate, Refusal> {
-    reweighted(geometry, observations, &Noise::of(geometry, observations))
+    solve_after(nearest(geometry, observations), geometry, observations)
+}
+
+/// Does the same as [`solve`] with the quarter turn of another estimate, so that the Cayley vectors
+/// of both can be compared.
+///
+/// # Errors
+/// [`Refusal`], if the points do not determine a rotation.
+pub fn solve_after(
+    first: QuarterTurn,
+    geometry: &Geometry,
+    observations: &[Observation],
+) -> Result<Estimate, Refusal> {
+    let all = observations;
+    let turned = Turned { all, first };
+    let noise = Noise::of_turned(geometry, &turned);
+    second_stage(geometry, &turned, &noise)
+}
+
+/// Returns the quarter turn after which the least rotation is left.
+fn nearest(geometry: &Geometry, observations: &[Observation]) -> QuarterTurn {
+    QuarterTurn::nearest(observations, geometry.centre_mm())
 }
 
 /// Estimates the pose with the weights of a target that does not turn, and leaves the noise's share
@@ -129,8 +160,12 @@ pub fn solve(geometry: &Geometry, observations: &[Observation]) -> Result<Estima
 /// # Errors
 /// [`Refusal`], if the points do not determine a rotation.
 pub fn plain(geometry: &Geometry, observations: &[Observation]) -> Result<Estimate, Refusal> {
-    let (scale, _) = Noise::of(geometry, observations).factor();
-    first_stage(geometry, observations, None, scale)
+    let turned = Turned {
+        all: observations,
+        first: nearest(geometry, observations),
+    };
+    let (scale, _) = Noise::of_turned(geometry, &turned).factor();
+    first_stage(geometry, &turned, None, scale)
 }
 
 /// Estimates the pose with the weights of a target that does not turn and removes the noise's
@@ -144,7 +179,11 @@ pub fn noise_removed(
     noise: &Noise,
 ) -> Result<Estimate, Refusal> {
     let (scale, _) = noise.factor();
-    first_stage(geometry, observations, Some(noise), scale)
+    let turned = Turned {
+        all: observations,
+        first: nearest(geometry, observations),
+    };
+    first_stage(geometry, &turned, Some(noise), scale)
 }
 
 /// Estimates the pose by both passes.
@@ -156,6 +195,19 @@ pub fn reweighted(
     observations: &[Observation],
     noise: &Noise,
 ) -> Result<Estimate, Refusal> {
+    let turned = Turned {
+        all: observations,
+        first: nearest(geometry, observations),
+    };
+    second_stage(geometry, &turned, noise)
+}
+
+/// Solves both passes, and states the covariance.
+fn second_stage(
+    geometry: &Geometry,
+    observations: &Turned<'_>,
+    noise: &Noise,
+) -> Result<Estimate, Refusal> {
     let middle = middle(observations)?;
     let first = first_pass(geometry, observations, Some(noise), &middle)?;
     let (scale, factor) = noise.factor();
@@ -165,9 +217,9 @@ pub fn reweighted(
         Some((weight, derivatives))
     };
     let mut normal = Normal::default();
-    for observation in observations {
-        let equation = Equation::new(observation, &middle);
-        let (weight, derivatives) = weigh(observation).ok_or(Refusal::Degenerate)?;
+    for observation in observations.iter() {
+        let equation = Equation::new(&observation, &middle);
+        let (weight, derivatives) = weigh(&observation).ok_or(Refusal::Degenerate)?;
         normal.add(&equation, &weight, Some(&derivatives));
     }
     let solution = normal.solve(scale)?;
@@ -186,7 +238,7 @@ pub fn reweighted(
 /// Solves the sums of the first pass, and states the covariance for noise of this scale.
 fn first_stage(
     geometry: &Geometry,
-    observations: &[Observation],
+    observations: &Turned<'_>,
     removed: Option<&Noise>,
     scale: f64,
 ) -> Result<Estimate, Refusal> {
@@ -206,17 +258,17 @@ fn first_stage(
 /// Solves the sums of the first pass. Leaves the noise's share in if no noise is `removed`.
 fn first_pass(
     geometry: &Geometry,
-    observations: &[Observation],
+    observations: &Turned<'_>,
     removed: Option<&Noise>,
     middle: &Vector3<f64>,
 ) -> Result<Solution, Refusal> {
     let factored = removed.map(Noise::factor);
     let mut normal = Normal::default();
-    for observation in observations {
-        let equation = Equation::new(observation, middle);
+    for observation in observations.iter() {
+        let equation = Equation::new(&observation, middle);
         let derivatives =
-            factored.map(|(_, factor)| equation::noise(geometry, observation, middle, &factor));
-        let weight = Weight::still(geometry, observation);
+            factored.map(|(_, factor)| equation::noise(geometry, &observation, middle, &factor));
+        let weight = Weight::still(geometry, &observation);
         normal.add(&equation, &weight, derivatives.as_ref());
     }
     normal.solve(factored.map_or(0.0, |(scale, _)| scale))
@@ -224,12 +276,12 @@ fn first_pass(
 
 /// Returns the mean of all points of both instants about the mean camera, mm: the pivot for which
 /// displacement and rotation depend least on each other.
-fn middle(observations: &[Observation]) -> Result<Vector3<f64>, Refusal> {
-    if observations.len() < LEAST_POINTS {
+fn middle(observations: &Turned<'_>) -> Result<Vector3<f64>, Refusal> {
+    if observations.all.len() < LEAST_POINTS {
         return Err(Refusal::TooFewPoints);
     }
-    let count = observations.len() as f64;
-    let at = |observation: &Observation| 0.5 * (observation.start_mm() + observation.end_mm());
+    let count = observations.all.len() as f64;
+    let at = |observation: Observation| 0.5 * (observation.start_mm() + observation.end_mm());
     let sum: Vector3<f64> = observations.iter().map(at).sum();
     let middle = sum / count;
     let squares = observations.iter().map(|o| (at(o) - middle).norm_squared());
@@ -246,17 +298,17 @@ fn middle(observations: &[Observation]) -> Result<Vector3<f64>, Refusal> {
 /// Adds the covariance to a solution: its scale is that of the noise and of the residuals.
 fn finish(
     geometry: &Geometry,
-    observations: &[Observation],
+    observations: &Turned<'_>,
     scale: f64,
     middle: &Vector3<f64>,
     solution: &Solution,
     weigh: impl Fn(&Observation) -> Weight,
 ) -> Estimate {
     let squares = observations.iter().map(|observation| {
-        let residual = Equation::new(observation, middle).residual(solution);
-        residual.dot(&(weigh(observation).0 * residual))
+        let residual = Equation::new(&observation, middle).residual(solution);
+        residual.dot(&(weigh(&observation).0 * residual))
     });
-    let count = observations.len();
+    let count = observations.all.len();
     let freedom = 2 * count * (2 * geometry.cameras() - 3);
     let variance = noise::variance(scale, freedom as f64, squares.sum(), count);
     Estimate::new(geometry, observations, middle, solution, variance)

@@ -1,6 +1,7 @@
 //! Noise of the observations: a model of it, and its measurement without any model of the motion.
 
 use super::Observation;
+use super::quarter_turn::{QuarterTurn, Turned};
 use crate::sums::centred::Geometry;
 use libm::sqrt;
 
@@ -62,9 +63,16 @@ impl Noise {
     /// The misfit has `N (2K - 3)` degrees of freedom at either instant. The noise counts as
     /// independent and equal at both, unless the correlation of the misfits is significant.
     pub fn of(geometry: &Geometry, observations: &[Observation]) -> Self {
-        let freedom = (observations.len() * (2 * geometry.cameras() - 3)).max(1) as f64;
+        let first = QuarterTurn::nearest(observations, geometry.centre_mm());
+        let all = observations;
+        Self::of_turned(geometry, &Turned { all, first })
+    }
+
+    /// Measures the noise of observations whose keyframe is turned.
+    pub(super) fn of_turned(geometry: &Geometry, observations: &Turned<'_>) -> Self {
+        let freedom = (observations.all.len() * (2 * geometry.cameras() - 3)).max(1) as f64;
         let mean =
-            |value: fn(&Observation) -> f64| observations.iter().map(value).sum::<f64>() / freedom;
+            |value: fn(Observation) -> f64| observations.iter().map(value).sum::<f64>() / freedom;
         let start = mean(|o| o.start_misfit);
         let end = mean(|o| o.end_misfit);
         let common = mean(|o| o.common_misfit);

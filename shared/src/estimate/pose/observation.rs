@@ -28,6 +28,8 @@ pub struct Observation {
     pub end_misfit: f64,
     /// Sum of products of the two misfits.
     pub common_misfit: f64,
+    /// Sum of cross products of the two misfits: the sum of products after a quarter turn.
+    pub cross_misfit: f64,
 }
 
 impl Observation {
@@ -41,15 +43,16 @@ impl Observation {
         }
         let (before, start) = geometry.fit(views.iter().map(|v| v.start));
         let (after, end) = geometry.fit(views.iter().map(|v| v.end));
-        let mut misfit = [0.0; 3];
+        let mut misfit = [0.0; 4];
         for (arm, view) in geometry.arms_mm().iter().zip(views) {
+            let first = [0, 1].map(|i| view.start[i] - start[i] + arm[i] * before);
+            let last = [0, 1].map(|i| view.end[i] - end[i] + arm[i] * after);
             for axis in 0..2 {
-                let first = view.start[axis] - start[axis] + arm[axis] * before;
-                let last = view.end[axis] - end[axis] + arm[axis] * after;
-                misfit[0] += first * first;
-                misfit[1] += last * last;
-                misfit[2] += first * last;
+                misfit[0] += first[axis] * first[axis];
+                misfit[1] += last[axis] * last[axis];
+                misfit[2] += first[axis] * last[axis];
             }
+            misfit[3] += first[0] * last[1] - first[1] * last[0];
         }
         let in_front = before > 0.0 && after > 0.0;
         let finite = misfit
@@ -63,6 +66,7 @@ impl Observation {
             start_misfit: misfit[0],
             end_misfit: misfit[1],
             common_misfit: misfit[2],
+            cross_misfit: misfit[3],
         })
     }
 

@@ -46,7 +46,7 @@ impl Flow {
         let skewed = unsynchronised(geometry, &inliers, &found.model, inflation.factor);
         let unsynchronised = skewed.filter(UnsynchronisedCamera::is_unsynchronised);
         // An unsynchronised camera bends a target, so it is left out first.
-        let rigidity = Rigidity::of(geometry, &inliers, factor);
+        let rigidity = Rigidity::of(geometry, &inliers, found.model.first, factor);
         let parts = two_parts(geometry, &inliers, inflation.factor);
         let are_parts = parts.as_ref().is_some_and(TwoParts::are_certain);
         if unsynchronised.is_none() && (rigidity.is_broken() || are_parts) {

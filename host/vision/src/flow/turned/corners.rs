@@ -1,7 +1,7 @@
 //! Corners of the reference camera's image, as a pose moves them.
 
 use super::predictor::{Anchor, Predictor};
-use super::search::turned_pixel;
+use super::turned_back::TurnedBack;
 use crate::flow::corner_motion::CornerMotion;
 use crate::flow::displacement_search::DisplacementSearch;
 use crate::flow::temporal::TemporalMatcher;
@@ -10,9 +10,9 @@ use crate::flow::temporal::TemporalMatcher;
 pub(super) struct PosedCorners<'a> {
     pub matcher: &'a TemporalMatcher<'a>,
     pub predictor: Predictor<'a>,
-    /// Searches in the image as it is and, if the target turned, in the image turned back, with the
-    /// angles, rad. What is not the target may rest or turn.
-    pub searches: Vec<(DisplacementSearch<'a>, f64)>,
+    /// Searches in the image as it is and, if the target turned, in the image turned back. What is
+    /// not the target may rest or turn.
+    pub searches: Vec<(DisplacementSearch<'a>, Option<TurnedBack<'a>>)>,
 }
 
 impl CornerMotion for PosedCorners<'_> {
@@ -41,10 +41,10 @@ impl CornerMotion for PosedCorners<'_> {
     }
 
     fn likely(&self, at: [f64; 2]) -> Vec<([f64; 2], f32)> {
-        let geometry = self.predictor.geometry;
-        let likely = self.searches.iter().filter_map(|(search, turn_rad)| {
+        let likely = self.searches.iter().filter_map(|(search, turned_back)| {
             let (pixel, zncc) = search.best_match(at)?;
-            Some((turned_pixel(geometry, pixel, *turn_rad), zncc))
+            let place = turned_back.map_or(pixel, |turned_back| turned_back.pixel(pixel));
+            Some((place, zncc))
         });
         likely.collect()
     }

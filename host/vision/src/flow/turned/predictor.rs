@@ -30,6 +30,15 @@ impl Surface {
         Self(solved.map_or([0.0; 3], Into::into))
     }
 
+    /// Returns `ν`, with which a camera at the arm `arm_mm` sees the inverse depth `ν·(x, y, 1)` at
+    /// the normalised position `(x, y)`.
+    pub fn inverse_depth_seen_from(&self, arm_mm: [f64; 2]) -> [f64; 3] {
+        let Self([a, b, c]) = *self;
+        // ρ = a + b α + c β with α = x + ρ arm.
+        let scale = 1.0 / (1.0 - b * arm_mm[0] - c * arm_mm[1]);
+        [b * scale, c * scale, a * scale]
+    }
+
     /// Returns the slope of inverse depth at a point, on a plane through it that is parallel.
     fn slope(&self, [alpha, beta]: [f64; 2], rho: f64) -> [f64; 2] {
         let Self([a, b, c]) = *self;

@@ -1,10 +1,12 @@
-//! Rough search of a pose: a displacement in images that are turned about z.
+//! Rough search of a pose: a displacement in images that are turned back by a pose.
 
+use super::predictor::Surface;
+use super::turned_back::TurnedBack;
 use crate::flow::keyframe::ActiveKeyframe;
 use crate::flow::temporal::TemporalMatcher;
 use crate::flow::{Flow, FlowRefusal};
 use crate::matching::geometry::RigGeometry;
-use crate::matching::pyramid::FramePyramid;
+use crate::matching::stereo::StereoMatch;
 use crate::matching::zncc::ZnccPlane;
 use trinocular_core::estimate::pose::Estimate;
 
@@ -12,102 +14,163 @@ use trinocular_core::estimate::pose::Estimate;
 const TURN_DEG: f64 = 2.0;
 /// Number of steps in either direction.
 const TURNS: u32 = 10;
+/// The same from the last pose.
+const TURNS_SINCE_LAST: u32 = 5;
+
+/// Angle of the rotations about x and y that are tried, degrees: the search tolerates some 12 to
+/// either side.
+const TILT_DEG: f64 = 16.0;
 
 /// Pose that explains the images roughly.
 pub(super) struct RoughPose {
-    /// Displacement, and rotation about the axis of the reference camera.
+    /// Displacement and rotation.
     pub(super) pose: Estimate,
-    /// Angle by which the image of the reference camera was turned back, rad.
-    pub(super) turn_rad: f64,
+    /// Pose by which the image of the reference camera was turned back; `None` if it was not.
+    pub(super) turned_back: Option<Estimate>,
     /// Coarse image of the reference camera, turned back.
     pub(super) coarse: ZnccPlane,
 }
 
 impl Flow {
-    /// Finds displacement and rotation about z roughly.
+    /// Finds displacement and rotation roughly, from nothing.
     ///
     /// The displacement is searched in the image of the reference camera, which is turned back by
-    /// one angle after another. Rotations about x and y change the image less, so that the search
-    /// needs no prior for them.
+    /// one angle about z after another. Rotations about x and y change the image less, so that only
+    /// large ones are tried, and last.
     ///
     /// # Errors
-    /// [`FlowRefusal::Lost`] if no angle explains the images, or the refusal at the first angle
+    /// [`FlowRefusal::Lost`] if no rotation explains the images, or the refusal at the first one
     /// that does.
     pub(super) fn rough_pose(
         &self,
         keyframe: &ActiveKeyframe<'_>,
         matcher: &TemporalMatcher<'_>,
+        surface: Surface,
     ) -> Result<RoughPose, FlowRefusal> {
         let geometry = matcher.geometry;
-        let level = self.temporal_level();
+        let turned = |rad| (rad != 0.0).then(|| about_axis(geometry, rad));
+        let tilted = tilts(geometry, keyframe.matches).map(Some);
+        let starts = angles_rad(TURNS).map(turned).chain(tilted);
+        first_explained(starts, |start| {
+            self.rough_pose_after(keyframe, matcher, surface, start)
+        })
+    }
+
+    /// Finds displacement and rotation about z roughly since the pose `last`, which was measured
+    /// against the same keyframe.
+    ///
+    /// # Errors
+    /// As [`Flow::rough_pose`].
+    pub(super) fn rough_pose_near(
+        &self,
+        keyframe: &ActiveKeyframe<'_>,
+        matcher: &TemporalMatcher<'_>,
+        surface: Surface,
+        last: Estimate,
+    ) -> Result<RoughPose, FlowRefusal> {
+        let camera = camera_mm(matcher.geometry);
+        let turned = |rad| Some(last.followed_by(about_z(rad), camera));
+        first_explained(angles_rad(TURNS_SINCE_LAST).map(turned), |start| {
+            self.rough_pose_after(keyframe, matcher, surface, start)
+        })
+    }
+
+    /// Finds the pose that consists of a displacement and then the pose `turned`, if there is one.
+    ///
+    /// # Errors
+    /// [`FlowRefusal::Lost`] if no displacement explains the images,
+    /// [`FlowRefusal::AmbiguousMotion`] if several do.
+    fn rough_pose_after(
+        &self,
+        keyframe: &ActiveKeyframe<'_>,
+        matcher: &TemporalMatcher<'_>,
+        surface: Surface,
+        turned: Option<Estimate>,
+    ) -> Result<RoughPose, FlowRefusal> {
+        let geometry = matcher.geometry;
         let reference = geometry.reference;
-        let mut lost = FlowRefusal::Lost { zncc: 0.0 };
-        for step in 0..=2 * TURNS {
-            // 0, 1, -1, 2, -2 ...
-            let sign = if step % 2 == 1 { 1.0 } else { -1.0 };
-            let turn_rad = (sign * TURN_DEG * f64::from(step.div_ceil(2))).to_radians();
-            let turned;
-            let mut now = matcher.now.to_vec();
-            if step > 0 {
-                turned = turned_back(geometry, matcher.now[reference], turn_rad);
-                now[reference] = &turned;
-            }
-            let matcher = TemporalMatcher {
-                now: &now,
-                ..*matcher
-            };
-            let coarse = ZnccPlane::new(&now[reference].coarse()[level - 1]);
-            let search = self.search(keyframe, &coarse);
-            match self.rough_displacement(keyframe, &matcher, &search) {
-                Ok(moved) => {
-                    return Ok(RoughPose {
-                        pose: about_axis(geometry, turn_rad, moved),
-                        turn_rad,
-                        coarse,
-                    });
-                }
-                Err(FlowRefusal::Lost { zncc }) if step == 0 => lost = FlowRefusal::Lost { zncc },
-                Err(FlowRefusal::Lost { .. }) => {}
-                Err(refusal) => return Err(refusal),
-            }
+        let back = turned
+            .map(|pose| TurnedBack::new(geometry, surface, &pose).pyramid(matcher.now[reference]));
+        let mut now = matcher.now.to_vec();
+        if let Some(back) = &back {
+            now[reference] = back;
         }
-        Err(lost)
+        let matcher = TemporalMatcher {
+            now: &now,
+            ..*matcher
+        };
+        let coarse = ZnccPlane::new(&now[reference].coarse()[self.temporal_level() - 1]);
+        let search = self.search(keyframe, &coarse);
+        let moved_mm = self.rough_displacement(keyframe, &matcher, &search)?;
+        Ok(RoughPose {
+            pose: turned
+                .unwrap_or_else(|| about_axis(geometry, 0.0))
+                .preceded_by(moved_mm),
+            turned_back: turned,
+            coarse,
+        })
     }
 }
 
-/// Returns the pose of a displacement that is then turned about the axis of the reference camera.
-fn about_axis(geometry: &RigGeometry, radians: f64, moved_mm: [f64; 3]) -> Estimate {
+/// Tries poses until one explains the images. The likeness of a refusal is that of the first one.
+fn first_explained(
+    starts: impl Iterator<Item = Option<Estimate>>,
+    mut rough: impl FnMut(Option<Estimate>) -> Result<RoughPose, FlowRefusal>,
+) -> Result<RoughPose, FlowRefusal> {
+    let mut lost = None;
+    for start in starts {
+        match rough(start) {
+            Err(refusal @ FlowRefusal::Lost { .. }) => lost = lost.or(Some(refusal)),
+            found => return found,
+        }
+    }
+    Err(lost.unwrap_or(FlowRefusal::Lost { zncc: 0.0 }))
+}
+
+/// Returns the angles 0, 1, -1, 2, -2 and so on, in steps of the search, rad.
+fn angles_rad(turns: u32) -> impl Iterator<Item = f64> {
+    (0..=2 * turns).map(|step| {
+        let sign = if step % 2 == 1 { 1.0 } else { -1.0 };
+        (sign * TURN_DEG * f64::from(step.div_ceil(2))).to_radians()
+    })
+}
+
+/// Returns rotations about x and y, about the middle of the points.
+fn tilts(geometry: &RigGeometry, matches: &[StereoMatch]) -> impl Iterator<Item = Estimate> {
+    let [cx, cy] = geometry.arms.centre_mm();
+    let mut sums = [0.0; 3];
+    for StereoMatch { ray, .. } in matches {
+        let [alpha, beta] = ray.direction;
+        sums = [sums[0] + alpha, sums[1] + beta, sums[2] + ray.inverse_depth];
+    }
+    let [alpha, beta, rho] = sums;
+    let middle_mm = [
+        alpha / rho + cx,
+        beta / rho + cy,
+        matches.len() as f64 / rho,
+    ];
+    let half = (0.5 * TILT_DEG).to_radians().tan();
+    let axes = [
+        [half, 0.0, 0.0],
+        [-half, 0.0, 0.0],
+        [0.0, half, 0.0],
+        [0.0, -half, 0.0],
+    ];
+    (axes.into_iter()).map(move |omega| Estimate::exact(omega, middle_mm, [0.0; 3]))
+}
+
+/// Returns the place of the reference camera, mm.
+fn camera_mm(geometry: &RigGeometry) -> [f64; 3] {
     let [x, y] = geometry.rig.cameras[geometry.reference].offset_mm;
-    let pivot = [x - moved_mm[0], y - moved_mm[1], -moved_mm[2]];
-    Estimate::exact([0.0, 0.0, (0.5 * radians).tan()], pivot, moved_mm)
+    [x, y, 0.0]
 }
 
-/// Returns the pixel of the reference camera that the image turned back by `radians` shows at
-/// `pixel`.
-pub(super) fn turned_pixel(geometry: &RigGeometry, pixel: [f64; 2], radians: f64) -> [f64; 2] {
-    let (sine, cosine) = radians.sin_cos();
-    let k = geometry.reference;
-    let [x, y] = geometry.normalise(k, pixel);
-    geometry.pixel(k, [cosine * x - sine * y, sine * x + cosine * y])
+/// Returns the Cayley vector of a rotation about z.
+fn about_z(radians: f64) -> [f64; 3] {
+    [0.0, 0.0, (0.5 * radians).tan()]
 }
 
-/// Returns the pyramid of the reference camera, turned back about its axis. Places that the image
-/// does not show are as its border.
-fn turned_back(geometry: &RigGeometry, pyramid: &FramePyramid, radians: f64) -> FramePyramid {
-    let mut turned = pyramid.clone();
-    // Displacements are not searched at full resolution.
-    let planes = turned.coarse_mut().iter_mut().zip(pyramid.coarse());
-    for (level, (plane, from)) in (1..).zip(planes) {
-        let scale = f64::from(1u32 << level);
-        for row in 0..from.height {
-            for column in 0..from.width {
-                let pixel = [column as f64 * scale, row as f64 * scale];
-                let place = turned_pixel(geometry, pixel, radians).map(|p| (p / scale) as f32);
-                plane.grey[row * from.stride + column] = from.between(place);
-            }
-            let last = plane.grey[row * from.stride + from.width - 1];
-            plane.grey[row * from.stride + from.width..(row + 1) * from.stride].fill(last);
-        }
-    }
-    turned
+/// Returns the rotation about the axis of the reference camera.
+fn about_axis(geometry: &RigGeometry, radians: f64) -> Estimate {
+    Estimate::exact(about_z(radians), camera_mm(geometry), [0.0; 3])
 }

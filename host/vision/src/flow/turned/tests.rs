@@ -29,6 +29,15 @@ fn error(pose: &Estimate, moved_mm: [f64; 3], turned_deg: [f64; 3]) -> [f64; 6] 
     [x, y, z, off.x, off.y, off.z]
 }
 
+/// Returns the error in stated standard deviations.
+fn normalised(pose: &Estimate, moved_mm: [f64; 3], turned_deg: [f64; 3]) -> [f64; 6] {
+    let off = error(pose, moved_mm, turned_deg);
+    let [x, y, z] = pose.displacement_of(PIVOT_MM).sigma_mm();
+    let [a, b, c] = pose.rotation_sigma_deg();
+    let sigma = [x, y, z, a, b, c];
+    std::array::from_fn(|i| off[i] / sigma[i])
+}
+
 /// Measures turns about one axis, degrees, and returns the mean squared errors over their stated
 /// variances.
 fn sweep(axis: [f64; 3], angles_deg: &[f64], textures: u64) -> [f64; 6] {
@@ -45,13 +54,13 @@ fn sweep(axis: [f64; 3], angles_deg: &[f64], textures: u64) -> [f64; 6] {
             let moved = [6.0, 6.0, 10.0].map(|most| random.between(-most, most));
             let turned = axis.map(|a| a * degrees);
             let now = frame_set(&scene, moved, turned, 100 * seed + 1 + i as u64);
-            let seen = flow.measure_pose(&now);
+            // A jump: no pose was measured before.
+            let seen = flow.clone().measure_pose(&now);
             let seen = seen.unwrap_or_else(|refusal| panic!("{axis:?} {degrees}: {refusal}"));
             let off = error(&seen.pose, moved, turned);
-            let [x, y, z] = seen.pose.displacement_of(PIVOT_MM).sigma_mm();
-            let [a, b, c] = seen.pose.rotation_sigma_deg();
-            for (i, sigma) in [x, y, z, a, b, c].into_iter().enumerate() {
-                normalised[i] += (off[i] / sigma).powi(2);
+            let sigmas = self::normalised(&seen.pose, moved, turned);
+            for i in 0..6 {
+                normalised[i] += sigmas[i] * sigmas[i];
                 let limit = [0.012, 0.012, 0.04, 0.03, 0.03, 0.01][i];
                 assert!(off[i].abs() < limit, "{axis:?} {degrees}: {off:?}");
             }
@@ -78,6 +87,110 @@ fn turns_about_every_axis_are_measured() {
     assert!(all.iter().all(|ratio| *ratio < 2.5), "{all:?}");
     let mean = all.iter().sum::<f64>() / 6.0;
     assert!((0.5..1.5).contains(&mean), "{all:?}");
+}
+
+#[test]
+fn jumps_of_20_degrees_are_measured() {
+    let rig = Rig::paper();
+    let mut sum = 0.0;
+    for texture in 1..=3 {
+        let scene = Scene::new(&rig, &Texture::natural(texture), SceneSettings::default());
+        let scene = scene.unwrap();
+        let mut flow = flow_of(&rig);
+        flow.set_keyframe(&frame_set(&scene, [0.0; 3], [0.0; 3], texture))
+            .unwrap();
+        for axis in 0..3 {
+            for degrees in [-20.0, 20.0] {
+                let mut turned = [0.0; 3];
+                turned[axis] = degrees;
+                let moved = [6.0, -5.0, 9.0];
+                let now = frame_set(&scene, moved, turned, 10 + texture);
+                let seen = flow.clone().measure_pose(&now);
+                let seen = seen.unwrap_or_else(|refusal| panic!("{turned:?}: {refusal}"));
+                let sigmas = normalised(&seen.pose, moved, turned);
+                let largest = sigmas.iter().fold(0.0, |most: f64, s| most.max(s.abs()));
+                assert!(largest < 4.5, "{turned:?}: {sigmas:.1?}");
+                sum += sigmas.iter().map(|s| s * s).sum::<f64>();
+            }
+        }
+    }
+    let mean = sum / (3.0 * 6.0 * 6.0);
+    println!("error²/sigma² {mean:.2}");
+    assert!((0.4..2.0).contains(&mean), "{mean}");
+}
+
+/// Follows a poster that turns about an axis step by step while it moves, and asserts that sigma
+/// states the errors.
+fn follow(axis: [f64; 3], angles_deg: &[f64]) {
+    let rig = Rig::paper();
+    let scene = Scene::new(&rig, &Texture::natural(3), SceneSettings::default()).unwrap();
+    let mut flow = flow_of(&rig);
+    flow.set_keyframe(&frame_set(&scene, [0.0; 3], [0.0; 3], 1))
+        .unwrap();
+    let (mut sum, mut largest) = (0.0, 0.0f64);
+    for (i, degrees) in angles_deg.iter().enumerate() {
+        let phase = i as f64 / 5.0;
+        let moved = [
+            5.0 * phase.sin(),
+            4.0 * phase.cos(),
+            6.0 * (2.0 * phase).sin(),
+        ];
+        let turned = axis.map(|a| a * degrees);
+        let seen = flow.measure_pose(&frame_set(&scene, moved, turned, 2 + i as u64));
+        let seen = seen.unwrap_or_else(|refusal| panic!("{axis:?} {degrees}: {refusal}"));
+        for sigmas in normalised(&seen.pose, moved, turned) {
+            sum += sigmas * sigmas;
+            largest = largest.max(sigmas.abs());
+        }
+    }
+    let mean = sum / (6.0 * angles_deg.len() as f64);
+    println!("{axis:?}: error²/sigma² {mean:.2}, largest error {largest:.1} sigma");
+    // All have the errors of one keyframe.
+    assert!((0.4..2.0).contains(&mean) && largest < 4.5, "{axis:?}");
+}
+
+/// Two whole turns, by 9 degrees from one frame set to the next.
+#[test]
+fn target_on_a_rotation_table_is_followed_through_whole_turns() {
+    let angles: Vec<f64> = (1..=80).map(|i| 9.0 * f64::from(i)).collect();
+    follow([0.0, 0.0, 1.0], &angles);
+}
+
+#[test]
+fn target_that_tilts_is_followed_to_40_degrees() {
+    let angles: Vec<f64> = (1..=10).map(|i| 4.0 * f64::from(i)).collect();
+    for axis in [
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, -1.0, 0.0],
+        [0.7, -0.7, 0.1],
+    ] {
+        follow(axis, &angles);
+    }
+}
+
+/// A target that is hidden for a while is found again near its last pose.
+#[test]
+fn turned_target_is_found_again_after_an_occlusion() {
+    let rig = Rig::paper();
+    let scene = Scene::new(&rig, &Texture::natural(3), SceneSettings::default()).unwrap();
+    let other = Scene::new(&rig, &Texture::natural(5), SceneSettings::default()).unwrap();
+    let mut flow = flow_of(&rig);
+    let turned =
+        |scene: &Scene, degrees: f64, seed| frame_set(scene, [0.0; 3], [0.0, 0.0, degrees], seed);
+    flow.set_keyframe(&turned(&scene, 0.0, 1)).unwrap();
+    for step in 1..=6 {
+        flow.measure_pose(&turned(&scene, 8.0 * f64::from(step), 2))
+            .unwrap();
+    }
+    assert!(flow.measure_pose(&turned(&other, 0.0, 3)).is_err());
+    let seen = flow.measure_pose(&turned(&scene, 51.0, 4)).unwrap();
+    let [.., z] = seen.pose.rotation_deg();
+    assert!((z - 51.0).abs() < 0.01, "{z}");
+    // A new keyframe begins anew.
+    flow.set_keyframe(&turned(&scene, 51.0, 5)).unwrap();
+    let seen = flow.measure_pose(&turned(&scene, 51.0, 6)).unwrap();
+    assert!(seen.pose.rotation_deg()[2].abs() < 0.01);
 }
 
 fn flow_of(rig: &Rig) -> Flow {
