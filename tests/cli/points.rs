@@ -3,6 +3,7 @@
 use std::fs;
 
 use serde_json::{Value, json};
+use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_tests::points::ideal_rig;
 
@@ -61,7 +62,7 @@ fn desk_of(case: &Value) -> Desk {
             names,
             rig,
             stage,
-            pivot: None,
+            pivot: Some(Pivot::Centroid),
             trigger: None,
             targets: Vec::new(),
             capture: Vec::new(),
@@ -269,7 +270,7 @@ fn two_cameras_need_midpoint() {
             cameras: rig.rig.cameras.iter().take(2).copied().collect(),
         },
         stage: None,
-        pivot: None,
+        pivot: Some(Pivot::Centroid),
         trigger: None,
         targets: Vec::new(),
         capture: Vec::new(),

@@ -4,6 +4,7 @@ use std::fs;
 
 use serde_json::Value;
 use trinocular_core::rig::{Camera, Rig};
+use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::images::{Exposure, Pose, Scene, SceneSettings, Texture};
 
@@ -56,7 +57,7 @@ fn desk_of(case: &Value) -> Desk {
             names,
             rig,
             stage,
-            pivot: None,
+            pivot: Some(Pivot::Centroid),
             trigger: None,
             targets: Vec::new(),
             capture: Vec::new(),
@@ -318,8 +319,9 @@ fn images_of_turning_target_are_measured() {
     // The pivot is that of the keyframe for all frames.
     let lines = estimate(&["--rotation", "estimate"]).json();
     assert_eq!(lines[0]["pivot_mm"], lines[1]["pivot_mm"]);
-    // Without the option a turn is refused.
-    let refused = estimate(&[]);
+    // That is the default; a turn can be refused.
+    assert_eq!(estimate(&[]).json(), lines);
+    let refused = estimate(&["--rotation", "refuse"]);
     assert_eq!(refused.code, Some(1), "{}", refused.stdout);
 }
 
@@ -405,9 +407,20 @@ fn track_follows_pivot_of_turning_target() {
     );
     assert!(!header(csv(&["--rotation", "refuse"])).contains("rotation"));
     // The rig file can say the same.
+    let plain = desk.read("rig.toml");
     let lines = "rotation = \"estimate\"\npivot = [0, 0, 850]\n";
-    desk.write("rig.toml", lines.to_owned() + &desk.read("rig.toml"));
+    desk.write("rig.toml", lines.to_owned() + &plain);
     assert_eq!(track(&desk, &[])[1], rows[1]);
+    desk.write("rig.toml", "rotation = \"refuse\"\n".to_owned() + &plain);
+    assert!(track(&desk, &[])[1]["refused"].is_string());
+    // Without any choice the rotation is estimated about the centroid, unless the method knows none.
+    desk.write("rig.toml", plain);
+    let by_default = track(&desk, &[]);
+    assert_close(&by_default[1]["rotation_deg"], turned[1], 0.02, "rotation");
+    let words = ["track", "--images", "views", "--rig", "rig.toml", "--json"];
+    let closed = [&words[..], &["--method", "closed-form"]].concat();
+    let closed = run(desk.folder.path(), &closed).json();
+    assert!(closed[1]["refused"].is_string(), "{}", closed[1]);
 }
 
 #[test]
@@ -415,7 +428,14 @@ fn track_refuses_pivot_without_rotation() {
     let desk = desk_of_images(&[Pose::default(), Pose::default()]);
     let words = ["track", "--images", "views", "--rig", "rig.toml"];
     for (options, part) in [
-        (&["--pivot", "0,0,850"][..], "--rotation estimate"),
+        (
+            &["--rotation", "refuse", "--pivot", "0,0,850"][..],
+            "--rotation estimate",
+        ),
+        (
+            &["--pivot", "0,0,850", "--method", "closed-form"],
+            "midpoint",
+        ),
         (
             &["--rotation", "estimate", "--method", "closed-form"],
             "midpoint",

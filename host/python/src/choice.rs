@@ -44,8 +44,7 @@ fn place(pivot: PyPivot) -> PyResult<Pivot> {
     }
 }
 
-/// Returns the rule of the estimate: what is not chosen is as the rig file says. `is_points` is
-/// true for matched points.
+/// Returns the rule of the estimate: what is not chosen is as the rig file says.
 ///
 /// # Errors
 /// `ValueError` for an unknown name, choices that contradict each other, and a rig that does not
@@ -55,14 +54,13 @@ pub fn rule(
     chosen_method: Option<&str>,
     rotation: Option<&str>,
     pivot: Option<PyPivot>,
-    is_points: bool,
 ) -> PyResult<Rule> {
     let choice = Choice {
         method: chosen_method.map(method).transpose()?,
         rotation: rotation.map(treatment).transpose()?,
         pivot: pivot.map(place).transpose()?,
     };
-    let rule = choice.rule(rig, is_points).map_err(value)?;
+    let rule = choice.rule(rig).map_err(value)?;
     let method = rule.method.unwrap_or_default();
     method.check_rig(Path::new("rig"), rig).map_err(value)?;
     Ok(rule)

@@ -127,7 +127,7 @@ impl Flow {
         threads: usize,
     ) -> PyResult<Self> {
         let rig = rig.file.clone();
-        let rule = rule(&rig, method, rotation, pivot_mm, false)?;
+        let rule = rule(&rig, method, rotation, pivot_mm)?;
         let settings = FlowSettings {
             threads,
             ..FlowSettings::default()

@@ -17,7 +17,7 @@ use trinocular_client::diagnosis::remedy;
 use trinocular_core::time::Instant;
 use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::estimation::{Rotation, Solution, Turn};
+use trinocular_vision::estimation::{Solution, Turn, Use};
 use trinocular_vision::flow::TargetTurn;
 use trinocular_vision::flow::mistake::explain_keyframe;
 use trinocular_vision::flow::remarks;
@@ -134,10 +134,10 @@ impl Follower {
         pivot_mm: Option<PyPivot>,
     ) -> PyResult<Self> {
         let rig = rig.file.clone();
-        let rule = rule(&rig, None, rotation, pivot_mm, false)?;
+        let rule = rule(&rig, None, rotation, pivot_mm)?;
         let mut servo = VisualServo::new(&rig.rig, Estimator::Midpoint).map_err(value)?;
         servo.set_regions(copied(&regions)?);
-        let is_estimated = rule.rotation == Some(Rotation::Estimate);
+        let is_estimated = matches!(rule.rotation_use(), Use::Demanded | Use::Offered);
         servo.set_pivot(is_estimated.then(|| rule.pivot_mm.map_or(Pivot::Centroid, Pivot::Place)));
         Ok(Self {
             rig,

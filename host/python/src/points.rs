@@ -38,7 +38,7 @@ pub fn estimate_file<'py>(
     pivot_mm: Option<PyPivot>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let rig = &rig.file;
-    let rule = rule(rig, method, rotation, pivot_mm, true)?;
+    let rule = rule(rig, method, rotation, pivot_mm)?;
     let read = py.detach(|| -> Result<Outcome, InputError> {
         Ok(outcome(points::read(&path, rig)?, rig, &rule))
     });
@@ -58,7 +58,7 @@ pub fn estimate<'py>(
     pivot_mm: Option<PyPivot>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let rig = &rig.file;
-    let rule = rule(rig, method, rotation, pivot_mm, true)?;
+    let rule = rule(rig, method, rotation, pivot_mm)?;
     let cameras = pixels.shape()[1];
     let numbers = pixels.as_slice().map_err(value)?.to_vec();
     let read = py.detach(|| {

@@ -3,7 +3,7 @@
 //! ```toml
 //! image_size_px = [320, 240]            # every camera's image: columns, rows
 //! rotation = "refuse"                   # of the target, or "estimate"; optional
-//! pivot = [0.0, 0.0, 850.0]             # only with "estimate", mm; default "centroid"
+//! pivot = [0.0, 0.0, 850.0]             # not with "refuse", mm; default "centroid"
 //!
 //! [[camera]]                            # 2 to 8 of them
 //! name = "left"                         # also the name of its folder of images
@@ -148,7 +148,7 @@ impl RigFile {
             names: TRINOCULAR.map(String::from).to_vec(),
             rig: Rig::paper(),
             stage: None,
-            pivot: None,
+            pivot: Some(Pivot::Centroid),
             capture: Vec::new(),
             trigger: None,
             targets: Vec::new(),

@@ -224,13 +224,13 @@ pub fn run(options: &EstimateOptions, out: &mut impl Write) -> Result<(), Failur
     if is_recorded {
         let Rigged { frames, rig } = options.recording.open(&options.input, rig)?;
         method.estimator().check_rig(&options.input, &rig)?;
-        let rule = options.pose.rule(&rig, options.method, is_points)?;
+        let rule = options.pose.rule(&rig, options.method)?;
         return images::run(options, (&rig, view), rule, frames.frame_sets(), printer);
     }
     let Some(rig) = rig else {
         return Err(rig_missing("estimate INPUT --rig <RIG.toml>"));
     };
-    let rule = options.pose.rule(&rig, options.method, is_points)?;
+    let rule = options.pose.rule(&rig, options.method)?;
     match is_folder {
         true => {
             let folder = options.pair.open(&options.input, &rig)?;

@@ -11,12 +11,12 @@ use trinocular_vision::estimation::Contradiction;
 #[derive(Clone, Copy, Debug, Args)]
 pub struct TurningOptions {
     /// Estimate the rotation of the target and follow its pivot, or refuse a target that turns
-    /// [default: the rig file's `rotation`, or refuse]
+    /// [default: the rig file's `rotation`, or estimate]
     ///
-    /// `estimate` measures turns of up to 12 degrees since the first frame set. The rows then have
-    /// the rotation vector with its standard deviation, and the pivot. It needs the estimator
-    /// midpoint, and several times the time of `refuse`, the more the further the target has turned
-    /// about z.
+    /// `estimate` follows tilts of up to 40 degrees and any rotation about z since the first frame
+    /// set. The rows then have the rotation vector with its standard deviation, and the pivot; about
+    /// the centroid, rows whose points determine no rotation have the displacement alone. It needs
+    /// the estimator midpoint. `refuse` takes less time.
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
 
@@ -27,6 +27,11 @@ pub struct TurningOptions {
 }
 
 impl TurningOptions {
+    /// Returns true if no option is given.
+    pub fn is_default(&self) -> bool {
+        self.rotation.is_none() && self.pivot.is_none()
+    }
+
     /// Changes the rig file's treatment of a target that turns as the options demand.
     ///
     /// # Errors

@@ -1,8 +1,8 @@
 //! Estimates of displacement and rotation from points or images, by the rules of the command
 //! `estimate`.
 //!
-//! Points determine a rotation or they do not; images give the displacement alone unless the
-//! rotation is demanded. A [`Rule`] holds the choice for both; a [`Choice`] of the caller, completed
+//! Points determine a rotation or they do not; where they do, it is estimated, unless a caller
+//! refuses rotations or chooses a method. A [`Rule`] holds the choice for both; a [`Choice`] of the caller, completed
 //! by the rig file, makes it.
 //!
 //! ```
@@ -31,8 +31,9 @@ mod choice;
 
 pub use choice::{Choice, Contradiction};
 
+use crate::flow::offered::{is_determined, is_significant};
 use crate::flow::{
-    CameraRefusal, Correspondence, FilteredFrameSet, Flow, FlowRefusal, Measurement,
+    CameraRefusal, Correspondence, FilteredFrameSet, Flow, FlowRefusal, Measurement, Offered,
     PoseMeasurement,
 };
 use crate::images::FrameSet;
@@ -44,10 +45,6 @@ use trinocular_core::estimate::pose::{self, Estimate, Observation};
 use trinocular_core::rig::Rig;
 use trinocular_core::sums::centred::Geometry;
 
-/// Largest standard deviation of a rotation that is estimated unasked, degrees.
-const MOST_SIGMA_DEG: f64 = 0.5;
-/// 99.9 % quantile of χ² with three degrees of freedom: the limit of a significant rotation.
-pub(crate) const SIGNIFICANT: f64 = 16.3;
 /// Largest rotation of a target that counts as one that does not turn, degrees.
 const MOST_TURN_DEG: f64 = 0.15;
 
@@ -290,8 +287,8 @@ impl Rule {
         }
     }
 
-    /// Measures a frame set against the keyframe of `flow`, with the rotation of the target only
-    /// if it is to be estimated. `rig` is the rig of `flow`.
+    /// Measures a frame set against the keyframe of `flow`, with the rotation of the target unless
+    /// a method or [`Rotation::Refuse`] is given. `rig` is the rig of `flow`.
     ///
     /// # Errors
     /// The refusal of the flow in words.
@@ -301,13 +298,8 @@ impl Rule {
         rig: &Rig,
         frame_set: &FrameSet,
     ) -> Result<Measured, String> {
-        let refused = |refusal: FlowRefusal| refusal.to_string();
-        if self.rotation == Some(Rotation::Estimate) {
-            let seen = flow.measure_pose(frame_set).map_err(refused)?;
-            return Ok(self.of_pose(flow, seen));
-        }
-        let seen = flow.measure(frame_set).map_err(refused)?;
-        Ok(self.of_displacement(rig, seen))
+        let seen = flow.measure_with(frame_set, |flow, filtered| self.seen(flow, filtered));
+        self.measured(flow, rig, seen)
     }
 
     /// Does the same as [`Rule::of_images`] with a frame set that is already filtered.
@@ -320,13 +312,35 @@ impl Rule {
         rig: &Rig,
         filtered: &FilteredFrameSet,
     ) -> Result<Measured, String> {
-        let refused = |refusal: FlowRefusal| refusal.to_string();
-        if self.rotation == Some(Rotation::Estimate) {
-            let seen = flow.measure_filtered_pose(filtered).map_err(refused)?;
-            return Ok(self.of_pose(flow, seen));
+        let seen = self.seen(flow, filtered);
+        self.measured(flow, rig, seen)
+    }
+
+    fn seen(&self, flow: &mut Flow, filtered: &FilteredFrameSet) -> Result<Offered, FlowRefusal> {
+        match self.rotation_use() {
+            Use::Demanded => flow.measure_filtered_pose(filtered).map(Offered::Pose),
+            // Without a rotation, the displacement is that of the centroid.
+            Use::Offered if self.pivot_mm.is_some() => {
+                flow.measure_filtered_pose(filtered).map(Offered::Pose)
+            }
+            Use::Offered => flow.measure_filtered_offered(filtered),
+            Use::Refused | Use::Warned => {
+                let seen = flow.measure_filtered(filtered, &mut ());
+                seen.map(Offered::Displacement)
+            }
         }
-        let seen = flow.measure_filtered(filtered, &mut ()).map_err(refused)?;
-        Ok(self.of_displacement(rig, seen))
+    }
+
+    fn measured(
+        &self,
+        flow: &Flow,
+        rig: &Rig,
+        seen: Result<Offered, FlowRefusal>,
+    ) -> Result<Measured, String> {
+        match seen.map_err(|refusal| refusal.to_string())? {
+            Offered::Pose(seen) => Ok(self.of_pose(flow, seen)),
+            Offered::Displacement(seen) => Ok(self.of_displacement(rig, seen)),
+        }
     }
 
     fn of_pose(&self, flow: &Flow, seen: PoseMeasurement) -> Measured {
@@ -345,6 +359,8 @@ impl Rule {
     fn of_displacement(&self, rig: &Rig, seen: Measurement) -> Measured {
         let method = self.method.unwrap_or_default();
         let solution = Sums::of(rig, &seen).and_then(|sums| estimate(method, &sums));
+        let turn = (self.rotation_use() == Use::Offered).then(Turn::default);
+        let solution = solution.map(|solution| Solution { turn, ..solution });
         Measured {
             solution: solution.map_err(|refusal| refusal.to_string()),
             correspondences: seen.correspondences,
@@ -401,17 +417,6 @@ fn pose_of(rig: &Rig, points: &[Correspondence]) -> Result<(Estimate, usize), po
     let observed = observed.filter_map(|point| Observation::new(&geometry, &point.views));
     let observed: Vec<Observation> = observed.collect();
     Ok((pose::solve(&geometry, &observed)?, observed.len()))
-}
-
-fn is_significant(pose: &Estimate) -> bool {
-    // Without noise any rotation is.
-    pose.rotation_chi_squared()
-        .is_none_or(|chi| chi > SIGNIFICANT)
-}
-
-fn is_determined(pose: &Estimate) -> bool {
-    let sigma = pose.rotation_sigma_deg();
-    sigma.iter().all(|sigma| *sigma <= MOST_SIGMA_DEG) || is_significant(pose)
 }
 
 fn is_turned(pose: &Estimate) -> bool {

@@ -11,10 +11,11 @@ const LIMIT_MM: f64 = 1e5;
 /// Treatments of a target that turns.
 const ROTATIONS: [&str; 2] = ["refuse", "estimate"];
 
-/// Reads the pivot if the rotation of the target is estimated; `None` if it is refused.
+/// Reads the pivot if the rotation of the target is estimated, as by default; `None` if it is
+/// refused.
 pub(super) fn read(root: &Field<'_>) -> Result<Option<Pivot>, InputError> {
     let is_estimated = match root.optional("rotation")? {
-        None => false,
+        None => true,
         Some(field) => match field.text()? {
             "refuse" => false,
             "estimate" => true,
@@ -33,18 +34,15 @@ pub(super) fn read(root: &Field<'_>) -> Result<Option<Pivot>, InputError> {
         return Ok(Some(pivot));
     }
     Err(field.fault(
-        "without a rotation all points of the target move alike; write `rotation = \"estimate\"`",
+        "without a rotation all points of the target move alike; leave out `rotation = \"refuse\"`",
     ))
 }
 
-/// Writes the fields, if the rotation is estimated.
+/// Writes what is not the default.
 pub(super) fn write_toml(pivot: Option<Pivot>, text: &mut String) {
-    let Some(pivot) = pivot else {
-        return;
-    };
-    text.push_str("rotation = \"estimate\"\n");
     let _ = match pivot {
-        Pivot::Centroid => writeln!(text, "pivot = \"centroid\""),
-        Pivot::Place(place) => writeln!(text, "pivot = {place:?}"),
+        None => writeln!(text, "rotation = \"refuse\""),
+        Some(Pivot::Centroid) => Ok(()),
+        Some(Pivot::Place(place)) => writeln!(text, "pivot = {place:?}"),
     };
 }

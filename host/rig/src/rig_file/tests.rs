@@ -483,7 +483,11 @@ fn decimal_commas_are_named() {
 #[test]
 fn pivot_is_read_and_written() {
     for (lines, expected) in [
-        ("", None),
+        ("", Some(Pivot::Centroid)),
+        (
+            "pivot = [1, 2, 900]\n",
+            Some(Pivot::Place([1.0, 2.0, 900.0])),
+        ),
         ("rotation = \"refuse\"\n", None),
         ("rotation = \"estimate\"\n", Some(Pivot::Centroid)),
         (
@@ -508,11 +512,10 @@ fn impossible_pivots_are_refused() {
     for (to, field, reason) in [
         ("rotation = \"refuze\"", "rotation", "refuse"),
         ("rotation = true", "rotation", "a text in quotes"),
-        ("pivot = [0, 0, 850]", "pivot", "rotation = \"estimate\""),
         (
             "rotation = \"refuse\"\npivot = \"centroid\"",
             "pivot",
-            "rotation = \"estimate\"",
+            "leave out `rotation = \"refuse\"`",
         ),
     ] {
         let error = parse(&paper_text().replacen(first, &format!("{first}\n{to}"), 1));

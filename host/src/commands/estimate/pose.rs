@@ -18,10 +18,10 @@ const SHOWN_DEG: f64 = 1e-4;
 pub struct PoseOptions {
     /// Estimate the rotation of the target, or refuse a target that turns
     ///
-    /// Without this option the rig file's `rotation` counts. Without either, the rotation of a
-    /// points CSV is estimated if the points determine it, unless --method is given; a turn then is
-    /// a warning. Images whose target turns are refused, unless `estimate` is given: it measures
-    /// turns of up to 12 degrees between two images.
+    /// Without this option the rig file's `rotation` counts. Without either, the rotation is
+    /// estimated if the points determine it. With --method it is not: a turn is a warning in a
+    /// points CSV, and images whose target turns are refused. Images show turns of up to 20 degrees
+    /// from one frame set to another, and larger ones that grow from row to row.
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
 
@@ -79,18 +79,13 @@ impl PoseOptions {
     ///
     /// # Errors
     /// [`Failure::Usage`] for options that contradict each other.
-    pub fn rule(
-        &self,
-        rig: &RigFile,
-        method: Option<Method>,
-        is_points: bool,
-    ) -> Result<Rule, Failure> {
+    pub fn rule(&self, rig: &RigFile, method: Option<Method>) -> Result<Rule, Failure> {
         let choice = Choice {
             method: method.map(Method::estimator),
             rotation: self.rotation.map(Into::into),
             pivot: self.pivot,
         };
-        let rule = choice.rule(rig, is_points);
+        let rule = choice.rule(rig);
         rule.map_err(|contradiction| Failure::Usage(contradiction.to_string()))
     }
 }

@@ -63,7 +63,7 @@ impl Targets {
         let refused = |refusal: FlowRefusal| InputError::file(source, refusal.to_string());
         let settings = FlowSettings::default();
         let flows = TargetFlows::new(&rig.rig, settings, &rig.targets, regions).map_err(refused)?;
-        let rule = Choice::default().rule(rig, false);
+        let rule = Choice::default().rule(rig);
         let rule = rule.map_err(|contradiction| Failure::Usage(contradiction.to_string()))?;
         Ok(Some(Self { flows, rule }))
     }

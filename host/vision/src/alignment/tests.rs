@@ -3,6 +3,7 @@
 use super::*;
 use crate::flow::region::Region;
 use crate::images::{Scene, SceneSettings, Texture};
+use trinocular_rig::pivot::Pivot;
 use trinocular_rig::random::Random;
 use trinocular_rig::rig_file::RigFile;
 
@@ -308,7 +309,7 @@ fn other_rigs_get_visible_offsets() {
         names: vec!["top".into(), "bottom".into()],
         rig: rig.clone(),
         stage: None,
-        pivot: None,
+        pivot: Some(Pivot::Centroid),
         trigger: None,
         targets: Vec::new(),
         capture: Vec::new(),

@@ -16,6 +16,7 @@ use crate::images::decode::Picture;
 use crate::images::rectangle;
 use crate::images::series::{Images, Series, pairing};
 use trinocular_rig::error::InputError;
+use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::{RigFile, TRINOCULAR};
 
 /// Largest residual of a rig without a warning, and largest residual of any rig, in multiples of
@@ -102,7 +103,7 @@ impl Calibration {
             names,
             rig,
             stage: None,
-            pivot: None,
+            pivot: Some(Pivot::Centroid),
             trigger: None,
             targets: Vec::new(),
             capture: Vec::new(),

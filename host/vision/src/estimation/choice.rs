@@ -54,29 +54,26 @@ impl Method {
 
 impl Choice {
     /// Returns the rule of the estimate: what is not chosen is as the rig file's `rotation` and
-    /// `pivot` say, if the method knows a rotation. `is_points` is true for matched points, whose
-    /// rotation is estimated unasked.
+    /// `pivot` say, if the method knows a rotation.
     ///
     /// ```
     /// use trinocular_rig::pivot::Pivot;
     /// use trinocular_rig::rig_file::RigFile;
-    /// use trinocular_vision::estimation::{Choice, Contradiction, Rotation};
+    /// use trinocular_vision::estimation::{Choice, Contradiction};
     ///
     /// let mut rig = RigFile::paper();
     /// let pivot = Some(Pivot::Place([0.0, 0.0, 850.0]));
     /// let choice = Choice { pivot, ..Choice::default() };
-    /// assert_eq!(choice.rule(&rig, false), Err(Contradiction::PivotAlone));
+    /// assert_eq!(choice.rule(&rig)?.pivot_mm, Some([0.0, 0.0, 850.0]));
     ///
-    /// rig.pivot = Some(Pivot::Centroid); // rotation = "estimate"
-    /// let rule = choice.rule(&rig, false)?;
-    /// assert_eq!(rule.rotation, Some(Rotation::Estimate));
-    /// assert_eq!(rule.pivot_mm, Some([0.0, 0.0, 850.0]));
+    /// rig.pivot = None; // rotation = "refuse"
+    /// assert_eq!(choice.rule(&rig), Err(Contradiction::PivotAlone));
     /// # Ok::<(), Contradiction>(())
     /// ```
     ///
     /// # Errors
     /// [`Contradiction`] between the choices.
-    pub fn rule(self, rig: &RigFile, is_points: bool) -> Result<Rule, Contradiction> {
+    pub fn rule(self, rig: &RigFile) -> Result<Rule, Contradiction> {
         let Self {
             method,
             rotation,
@@ -97,8 +94,7 @@ impl Choice {
             },
         };
         let is_estimated = match rule.rotation_use() {
-            Use::Demanded => true,
-            Use::Offered => is_points,
+            Use::Demanded | Use::Offered => true,
             Use::Refused | Use::Warned => false,
         };
         match pivot {
@@ -111,7 +107,13 @@ impl Choice {
     fn completed(self, rig: &RigFile) -> Self {
         let knows_none = self.method.is_some_and(Method::knows_no_rotation);
         match (self.rotation, rig.pivot) {
-            (None, Some(_)) if knows_none => self,
+            (None, _) if knows_none => self,
+            (None, None) => Self {
+                rotation: Some(Rotation::Refuse),
+                ..self
+            },
+            // The centroid is the default.
+            (None, Some(Pivot::Centroid)) => self,
             (None | Some(Rotation::Estimate), Some(pivot)) => Self {
                 rotation: Some(Rotation::Estimate),
                 pivot: self.pivot.or(Some(pivot)),
@@ -144,30 +146,36 @@ mod tests {
 
     #[test]
     fn rig_file_decides_what_is_not_chosen() {
-        let rule = Choice::default().rule(&turning(PLACE), false).unwrap();
+        let rule = Choice::default().rule(&turning(PLACE)).unwrap();
         assert_eq!(rule.rotation, Some(Rotation::Estimate));
         assert_eq!(rule.pivot_mm, Some([1.0, 2.0, 800.0]));
         let chosen = Choice {
             pivot: Some(Pivot::Centroid),
             ..Choice::default()
         };
-        let rule = chosen.rule(&turning(PLACE), false).unwrap();
+        let rule = chosen.rule(&turning(PLACE)).unwrap();
         assert_eq!(
             (rule.rotation, rule.pivot_mm),
             (Some(Rotation::Estimate), None)
         );
+        let mut rig = RigFile::paper();
+        let rule = Choice::default().rule(&rig).unwrap();
+        assert_eq!(rule.rotation_use(), Use::Offered);
+        rig.pivot = None;
+        let rule = Choice::default().rule(&rig).unwrap();
+        assert_eq!(rule.rotation_use(), Use::Refused);
     }
 
     #[test]
     fn choice_overrides_rig_file() {
         let refused = choice(None, Some(Rotation::Refuse));
-        let rule = refused.rule(&turning(PLACE), false).unwrap();
+        let rule = refused.rule(&turning(PLACE)).unwrap();
         assert_eq!(
             (rule.rotation, rule.pivot_mm),
             (Some(Rotation::Refuse), None)
         );
         let closed = choice(Some(Method::ClosedForm), None);
-        let rule = closed.rule(&turning(PLACE), true).unwrap();
+        let rule = closed.rule(&turning(PLACE)).unwrap();
         assert_eq!((rule.rotation, rule.pivot_mm), (None, None));
     }
 
@@ -177,21 +185,19 @@ mod tests {
         for method in [Method::ClosedForm, Method::LeastSquares] {
             let turned = choice(Some(method), Some(Rotation::Estimate));
             let expected = Err(Contradiction::NoRotation(method));
-            assert_eq!(turned.rule(&rig, true), expected);
+            assert_eq!(turned.rule(&rig), expected);
         }
-        let alone = |method, rotation, is_points| {
+        let alone = |method, rotation| {
             let pivot = Some(PLACE);
             let choice = Choice {
                 method,
                 rotation,
                 pivot,
             };
-            choice.rule(&rig, is_points) == Err(Contradiction::PivotAlone)
+            choice.rule(&rig) == Err(Contradiction::PivotAlone)
         };
-        // Points offer a rotation; images do not.
-        assert!(!alone(None, None, true));
-        assert!(alone(None, None, false));
-        assert!(alone(Some(Method::Midpoint), None, true));
-        assert!(alone(None, Some(Rotation::Refuse), true));
+        assert!(!alone(None, None));
+        assert!(alone(Some(Method::Midpoint), None));
+        assert!(alone(None, Some(Rotation::Refuse)));
     }
 }

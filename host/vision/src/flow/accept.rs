@@ -70,10 +70,7 @@ impl Flow {
         let mut rejected = tracks.rejected;
         for outlier in consensus.outliers_of(tracked) {
             rejected.add(Reject::Outlier);
-            rejected_points.push(RejectedPoint {
-                pixels: outlier.pixels.iter().map(|[_, now]| *now).collect(),
-                reason: Reject::Outlier,
-            });
+            rejected_points.push(RejectedPoint::outlier(outlier));
         }
         let inliers = consensus.inliers_of(tracks.points);
 

@@ -50,6 +50,16 @@ pub struct RejectedPoint {
     pub reason: Reject,
 }
 
+impl RejectedPoint {
+    /// Creates a point that was found where it disagrees with the others.
+    pub(super) fn outlier(outlier: &Correspondence) -> Self {
+        Self {
+            pixels: outlier.pixels.iter().map(|[_, now]| *now).collect(),
+            reason: Reject::Outlier,
+        }
+    }
+}
+
 /// Displacement of the target since the keyframe, and its points.
 #[derive(Clone, Debug)]
 pub struct Measurement {
@@ -61,8 +71,7 @@ pub struct Measurement {
     pub refused_cameras: Vec<(usize, CameraRefusal)>,
     /// Number of points left out, by reason; those of the keyframe included.
     pub rejected: RejectCounts,
-    /// Matched points of the keyframe that were left out, each with its place and reason. Empty if
-    /// the rotation was estimated.
+    /// Matched points of the keyframe that were left out, each with its place and reason.
     pub rejected_points: Vec<RejectedPoint>,
     /// Displacement of the inliers by the midpoint model, or of the pivot, mm.
     pub displacement_mm: [f64; 3],

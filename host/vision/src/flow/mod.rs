@@ -108,6 +108,8 @@ use region::Regions;
 pub use settings::FlowSettings;
 pub use stage::{PipelineStage, StageObserver};
 pub use turned::PoseMeasurement;
+pub(crate) use turned::offered;
+pub use turned::offered::Offered;
 
 /// Tracker of one target: a keyframe, and the measurements against it.
 ///
@@ -165,7 +167,8 @@ impl Flow {
     }
 
     /// Lets [`Flow::measure_target`] estimate the rotation of the target and the displacement of
-    /// this point; with `None`, a target that turns is refused.
+    /// this point; with `None`, a target that turns is refused. About the centroid, a target whose
+    /// points do not determine a rotation is measured without one.
     pub fn set_pivot(&mut self, pivot: Option<Pivot>) {
         self.pivot = pivot;
     }
@@ -223,10 +226,18 @@ impl Flow {
         let Some(pivot) = self.pivot else {
             return self.measure(frame_set);
         };
-        let measured = self.measure_pose(frame_set)?;
-        // There is a keyframe, or the pose would be refused.
+        self.check_keyframe()?;
         let centroid_mm = self.keyframe_centroid_mm().unwrap_or_default();
-        Ok(measured.of_pivot(pivot.place_mm(centroid_mm)))
+        let of_pivot = |seen: PoseMeasurement| seen.of_pivot(pivot.place_mm(centroid_mm));
+        self.measure_with(frame_set, |flow, filtered| match pivot {
+            Pivot::Centroid => flow
+                .measure_filtered_offered(filtered)
+                .map(|seen| match seen {
+                    Offered::Pose(seen) => of_pivot(seen),
+                    Offered::Displacement(seen) => seen,
+                }),
+            Pivot::Place(_) => flow.measure_filtered_pose(filtered).map(of_pivot),
+        })
     }
 
     /// Does the same as [`Flow::measure`], with an observer of the pipeline's stages.
@@ -249,6 +260,27 @@ impl Flow {
         })?;
         self.pyramid_pool.put(filtered);
         measurement
+    }
+
+    /// Filters a frame set and measures it, with the threads of this tracker.
+    ///
+    /// # Errors
+    /// [`FlowRefusal::NoKeyframe`], those of [`Flow::filter`], and those of `measure`.
+    pub fn measure_with<T: Send>(
+        &mut self,
+        frame_set: &FrameSet,
+        measure: impl FnOnce(&mut Self, &FilteredFrameSet) -> Result<T, FlowRefusal> + Send,
+    ) -> Result<T, FlowRefusal> {
+        self.check_keyframe()?;
+        let thread_pool = self.thread_pool.clone();
+        // Inside the pool, no stage has to wake its threads again.
+        let (measured, filtered) = thread_pool.run(|| {
+            let filtered = self.filter_observed(frame_set, &mut ())?;
+            let measured = measure(self, &filtered);
+            Ok((measured, filtered))
+        })?;
+        self.pyramid_pool.put(filtered);
+        measured
     }
 
     /// Takes back the memory of a filtered frame set, for the next one.

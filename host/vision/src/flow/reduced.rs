@@ -161,11 +161,7 @@ impl Measurement {
     /// Returns the measurement with pixels of images of twice the size.
     pub(super) fn enlarged(mut self) -> Self {
         self.correspondences = enlarged(self.correspondences);
-        for RejectedPoint { pixels, .. } in &mut self.rejected_points {
-            for pixel in pixels {
-                *pixel = doubled(*pixel);
-            }
-        }
+        enlarge(&mut self.rejected_points);
         self
     }
 }
@@ -174,7 +170,15 @@ impl PoseMeasurement {
     /// Returns the measurement with pixels of images of twice the size.
     pub(super) fn enlarged(mut self) -> Self {
         self.correspondences = enlarged(self.correspondences);
+        enlarge(&mut self.rejected_points);
         self
+    }
+}
+
+fn enlarge(points: &mut [RejectedPoint]) {
+    let pixels = points.iter_mut().flat_map(|point| &mut point.pixels);
+    for pixel in pixels {
+        *pixel = doubled(*pixel);
     }
 }
 

@@ -15,6 +15,7 @@
 mod accept;
 mod consensus;
 mod corners;
+pub(crate) mod offered;
 mod predictor;
 mod search;
 mod turned_back;
@@ -27,7 +28,9 @@ use super::sync::UnsynchronisedCamera;
 use super::temporal::TemporalMatcher;
 use super::tracks::Tracks;
 use super::variance_inflation::VarianceInflation;
-use super::{Correspondence, FilteredFrameSet, Flow, FlowRefusal, Measurement, TargetTurn};
+use super::{
+    Correspondence, FilteredFrameSet, Flow, FlowRefusal, Measurement, RejectedPoint, TargetTurn,
+};
 use crate::images::FrameSet;
 use crate::matching::RejectCounts;
 use crate::matching::stereo::StereoMatch;
@@ -69,6 +72,8 @@ pub struct PoseMeasurement {
     pub refused_cameras: Vec<(usize, CameraRefusal)>,
     /// Number of points left out, by reason; those of the keyframe included.
     pub rejected: RejectCounts,
+    /// Matched points of the keyframe that were left out, each with its place and reason.
+    pub rejected_points: Vec<RejectedPoint>,
     /// Inflation of the variances by correlated errors.
     pub variance_inflation: VarianceInflation,
 }
@@ -83,7 +88,7 @@ impl PoseMeasurement {
             cameras: self.cameras,
             refused_cameras: self.refused_cameras,
             rejected: self.rejected,
-            rejected_points: Vec::new(),
+            rejected_points: self.rejected_points,
             displacement_mm: there.displacement_mm,
             variance_inflation: self.variance_inflation,
             turn: Some(TargetTurn {
@@ -103,15 +108,7 @@ impl Flow {
     /// # Errors
     /// [`FlowRefusal`] if the pose cannot be measured; the keyframe stays.
     pub fn measure_pose(&mut self, frame_set: &FrameSet) -> Result<PoseMeasurement, FlowRefusal> {
-        self.check_keyframe()?;
-        let thread_pool = self.thread_pool.clone();
-        let (measurement, filtered) = thread_pool.run(|| {
-            let filtered = self.filter_observed(frame_set, &mut ())?;
-            let measurement = self.measure_filtered_pose(&filtered);
-            Ok((measurement, filtered))
-        })?;
-        self.pyramid_pool.put(filtered);
-        measurement
+        self.measure_with(frame_set, Self::measure_filtered_pose)
     }
 
     /// Returns the mean of the keyframe's points in the rig's axes, mm. It stays the same while the
@@ -199,7 +196,7 @@ impl Flow {
     ) -> Tracking<PoseMeasurement> {
         let geometry = matcher.geometry;
         let mut tracking = match self.refined(keyframe, matcher, surface, &rough.pose) {
-            Ok((tracks, found)) => self.accept_pose(keyframe.active, tracks, &found),
+            Ok((tracks, found, lost)) => self.accept_pose(keyframe.active, tracks, &found, lost),
             Err(refusal) => Tracking::refused(refusal),
         };
         match &tracking.result {
@@ -240,14 +237,14 @@ impl Flow {
     }
 
     /// Tracks all points with windows turned by the pose so far and finds the pose that most of
-    /// them agree on, from the rough pose on.
+    /// them agree on, from the rough pose on. Also returns the points that were not found.
     fn refined(
         &self,
         keyframe: &ActiveKeyframe<'_>,
         matcher: &TemporalMatcher<'_>,
         surface: Surface,
         rough: &Estimate,
-    ) -> Result<(Tracks, RigidConsensus), FlowRefusal> {
+    ) -> Result<(Tracks, RigidConsensus, Vec<RejectedPoint>), FlowRefusal> {
         let geometry = matcher.geometry;
         let least = self.settings.min_points;
         let track_all = |pose: &Estimate| {
@@ -261,11 +258,21 @@ impl Flow {
                 self.unmasked(&keyframe.active.cameras, point)
             };
             let matches = keyframe.matches.iter().collect();
-            let tracks = Tracks::of(keyframe, self.thread_pool.map(matches, track));
+            let tracked = self.thread_pool.map(matches, track);
+            let pairs = keyframe.matches.iter().zip(&tracked);
+            let lost = pairs.filter_map(|(matched, point)| {
+                let reason = point.as_ref().err()?;
+                Some(RejectedPoint {
+                    pixels: predictor.expected_pixels(matched)?,
+                    reason: *reason,
+                })
+            });
+            let lost: Vec<RejectedPoint> = lost.collect();
+            let tracks = Tracks::of(keyframe, tracked);
             tracks.enough(least)?;
-            Ok(tracks)
+            Ok((tracks, lost))
         };
-        let mut tracks = track_all(rough)?;
+        let (mut tracks, mut lost) = track_all(rough)?;
         let agreed = |tracks: &Tracks, far_px: f64, least_px: f64| {
             let far = far_px / geometry.focal_px;
             let start = rigid::motion(&geometry.arms, &tracks.observed(geometry), far);
@@ -275,10 +282,10 @@ impl Flow {
         };
         let mut found = agreed(&tracks, ROUGH_FAR_PX, ROUGH_INLIER_PX)?;
         for _ in 0..ROUNDS {
-            tracks = track_all(&found.model)?;
+            (tracks, lost) = track_all(&found.model)?;
             found = agreed(&tracks, FAR_PX, self.settings.min_inlier_px)?;
         }
-        Ok((tracks, found))
+        Ok((tracks, found, lost))
     }
 
     /// Finds an unsynchronised camera that keeps points from agreeing, as

@@ -1,6 +1,7 @@
 //! Motion of a target relative to the reference target.
 
-use crate::estimation::{SIGNIFICANT, Solution, Turn};
+use crate::estimation::{Solution, Turn};
+use crate::flow::offered::SIGNIFICANT;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use trinocular_core::estimate::pose::Estimate;
 

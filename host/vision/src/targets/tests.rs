@@ -67,16 +67,17 @@ fn each_target_is_measured_by_itself() {
 
 #[test]
 fn reference_takes_out_common_motion() {
-    let alone = solutions(&Rule::default(), None, MOVED_MM);
-    for rotation in [None, Some(Rotation::Estimate)] {
-        let rule = Rule {
-            rotation,
-            ..Rule::default()
-        };
+    let of = |rotation| Rule {
+        rotation,
+        ..Rule::default()
+    };
+    let alone = solutions(&of(Some(Rotation::Refuse)), None, MOVED_MM);
+    for rotation in [None, Some(Rotation::Refuse), Some(Rotation::Estimate)] {
+        let rule = of(rotation);
         let found = solutions(&rule, Some("right"), MOVED_MM);
         assert_near(&found[1], MOVED_MM[1]);
         let wanted_mm = [0, 1, 2].map(|i| MOVED_MM[0][i] - MOVED_MM[1][i]);
-        if rotation.is_some() {
+        if rotation != Some(Rotation::Refuse) {
             // The lever arm from one target to the other makes sigma larger, not wrong.
             for (axis, wanted_mm) in wanted_mm.into_iter().enumerate() {
                 let error_mm = found[0].displacement_mm[axis] - wanted_mm;

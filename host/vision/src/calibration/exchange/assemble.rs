@@ -11,6 +11,7 @@ use super::CameraFile;
 use super::yaml::Place;
 use crate::calibration::stand::{CameraPose, doubts, placed};
 use trinocular_rig::error::InputError;
+use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::RigFile;
 
 /// One camera: file, name, content of the file, and the position if the user gave one.
@@ -80,7 +81,7 @@ pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
         names,
         rig,
         stage,
-        pivot: None,
+        pivot: Some(Pivot::Centroid),
         trigger: None,
         targets: Vec::new(),
         capture: Vec::new(),

@@ -10,7 +10,7 @@ use crate::flow::rigidity::parts::TwoParts;
 use crate::flow::sync::{self, UnsynchronisedCamera};
 use crate::flow::tracks::Tracks;
 use crate::flow::variance_inflation::{VarianceInflation, with_common_error};
-use crate::flow::{Correspondence, Flow};
+use crate::flow::{Correspondence, Flow, RejectedPoint};
 use crate::matching::Reject;
 use crate::matching::geometry::RigGeometry;
 use trinocular_core::estimate::pose::{Estimate, Observation};
@@ -20,20 +20,22 @@ const UNKNOWNS: f64 = 6.0;
 
 impl Flow {
     /// Keeps the inliers of `tracks`, which must be most of the points in view and of one rigid
-    /// target. Also finds a camera that is not synchronised.
+    /// target. Also finds a camera that is not synchronised. `rejected_points` were not found.
     pub(super) fn accept_pose(
         &self,
         active: &ActiveCameras,
         tracks: Tracks,
         found: &RigidConsensus,
+        mut rejected_points: Vec<RejectedPoint>,
     ) -> Tracking<PoseMeasurement> {
         if let Err(refused) = self.agreed(&tracks, found) {
             return Tracking::refused(refused);
         }
         let geometry = &active.geometry;
         let mut rejected = tracks.rejected;
-        for _ in found.outliers_of(&tracks.points) {
+        for outlier in found.outliers_of(&tracks.points) {
             rejected.add(Reject::Outlier);
+            rejected_points.push(RejectedPoint::outlier(outlier));
         }
         let refused = tracks.no_agreement(found.count() / 2, found.median_px);
         let inliers = found.inliers_of(tracks.points);
@@ -65,6 +67,7 @@ impl Flow {
             cameras: active.cameras.clone(),
             refused_cameras: Vec::new(),
             rejected,
+            rejected_points,
             variance_inflation: VarianceInflation {
                 factor,
                 ..inflation

@@ -125,6 +125,15 @@ impl Predictor<'_> {
         Ok(Correspondence { pixels, views })
     }
 
+    /// Returns the pixel in each camera at which the pose puts a point; `None` if it is behind one.
+    pub fn expected_pixels(&self, matched: &StereoMatch) -> Option<Vec<[f64; 2]>> {
+        let expected = |k: usize| {
+            let anchor = Anchor::of(matched, k);
+            self.to(k, &anchor, anchor.pixel)
+        };
+        (0..self.geometry.cameras()).map(expected).collect()
+    }
+
     /// Returns where the pose puts the pixel `at` of camera `k`, on the surface at an anchor.
     pub fn to(&self, k: usize, anchor: &Anchor, at: [f64; 2]) -> Option<[f64; 2]> {
         let arm = self.geometry.arms.arms_mm()[k];

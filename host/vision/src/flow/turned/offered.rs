@@ -1,0 +1,61 @@
+//! The rotation of a target, if its points determine one.
+
+use super::PoseMeasurement;
+use crate::flow::{FilteredFrameSet, Flow, FlowRefusal, Measurement};
+use trinocular_core::estimate::pose::Estimate;
+
+/// Largest standard deviation of a rotation that is not significant, degrees.
+const MOST_SIGMA_DEG: f64 = 0.5;
+/// 99.9 % quantile of χ² with three degrees of freedom: the limit of a significant rotation.
+pub(crate) const SIGNIFICANT: f64 = 16.3;
+
+/// Returns true if noise imitates the rotation in less than one of 1,000 cases.
+pub(crate) fn is_significant(pose: &Estimate) -> bool {
+    // Without noise any rotation is.
+    pose.rotation_chi_squared()
+        .is_none_or(|chi| chi > SIGNIFICANT)
+}
+
+/// Returns true if the rotation is known to 0.5 degrees, or significant.
+pub(crate) fn is_determined(pose: &Estimate) -> bool {
+    let sigma = pose.rotation_sigma_deg();
+    sigma.iter().all(|sigma| *sigma <= MOST_SIGMA_DEG) || is_significant(pose)
+}
+
+/// Measurement of a target that may turn.
+#[derive(Clone, Debug)]
+pub enum Offered {
+    /// The points determine the rotation.
+    Pose(PoseMeasurement),
+    /// The points determine the displacement alone, and the target does not turn by more than 0.15
+    /// degrees.
+    Displacement(Measurement),
+}
+
+impl Flow {
+    /// Measures displacement and rotation, or the displacement alone if the points do not determine
+    /// a rotation: a small target, or few points.
+    ///
+    /// # Errors
+    /// The [`FlowRefusal`] of the pose if neither can be measured; the keyframe stays.
+    pub fn measure_filtered_offered(
+        &mut self,
+        now: &FilteredFrameSet,
+    ) -> Result<Offered, FlowRefusal> {
+        let refusal = match self.measure_filtered_pose(now) {
+            Ok(seen) if is_determined(&seen.pose) => return Ok(Offered::Pose(seen)),
+            Ok(seen) => {
+                let alone = self.measure_filtered(now, &mut ());
+                return Ok(alone.map_or(Offered::Pose(seen), Offered::Displacement));
+            }
+            Err(refusal) => refusal,
+        };
+        match refusal {
+            FlowRefusal::FewTracks { .. } | FlowRefusal::NoAgreement { .. } => {
+                let alone = self.measure_filtered(now, &mut ()).map_err(|_| refusal)?;
+                Ok(Offered::Displacement(alone))
+            }
+            refusal => Err(refusal),
+        }
+    }
+}
