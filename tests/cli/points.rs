@@ -63,6 +63,7 @@ fn desk_of(case: &Value) -> Desk {
             stage,
             pivot: None,
             trigger: None,
+            laser: None,
             targets: Vec::new(),
             capture: Vec::new(),
         }
@@ -271,6 +272,7 @@ fn two_cameras_need_midpoint() {
         stage: None,
         pivot: None,
         trigger: None,
+        laser: None,
         targets: Vec::new(),
         capture: Vec::new(),
     };

@@ -28,6 +28,7 @@
 //! ```
 
 mod choice;
+mod pivot;
 
 pub use choice::{Choice, Contradiction};
 
@@ -43,6 +44,7 @@ use trinocular_core::estimate::Refusal;
 use trinocular_core::estimate::pose::{self, Estimate, Observation};
 use trinocular_core::rig::Rig;
 use trinocular_core::sums::centred::Geometry;
+use trinocular_rig::pivot::Pivot;
 
 /// Largest standard deviation of a rotation that is estimated unasked, degrees.
 const MOST_SIGMA_DEG: f64 = 0.5;
@@ -190,8 +192,8 @@ pub struct Rule {
     /// Treatment of a target that turns; `None` estimates the rotation of points if they
     /// determine it and no method is given, and warns of a turn otherwise.
     pub rotation: Option<Rotation>,
-    /// Point of the target whose displacement is stated, mm; `None` for the centroid.
-    pub pivot_mm: Option<[f64; 3]>,
+    /// Point of the target whose displacement is stated.
+    pub pivot: Pivot,
 }
 
 /// Use of the rotation of one set of points.
@@ -239,16 +241,21 @@ impl Rule {
         };
         // The pose takes its noise from the points' misfit, which needs no inflation.
         let seen = pose_of(rig, &points.correspondences);
+        let turned = |pose: &Estimate, count| {
+            let pivot_mm = pivot::place_mm(self.pivot, pose, rig, &points.correspondences);
+            let pivot_mm = pivot_mm.map_err(|missed| missed.to_string())?;
+            Ok(solution(pose, pivot_mm, count))
+        };
         let used = self.rotation_use();
         match (used, seen) {
-            (Use::Demanded, Ok((pose, count))) => Ok(self.solution(&pose, pose.centroid_mm, count)),
+            (Use::Demanded, Ok((pose, count))) => turned(&pose, count),
             (Use::Demanded, Err(refusal)) => {
                 Err(format!("{refusal}; without a rotation: --rotation refuse"))
             }
             (Use::Offered, seen) => {
                 let reason = match seen {
                     Ok((pose, count)) if is_determined(&pose) => {
-                        return Ok(self.solution(&pose, pose.centroid_mm, count));
+                        return turned(&pose, count);
                     }
                     Ok((pose, _)) => {
                         let sigma = pose.rotation_sigma_deg();
@@ -303,8 +310,9 @@ impl Rule {
     ) -> Result<Measured, String> {
         let refused = |refusal: FlowRefusal| refusal.to_string();
         if self.rotation == Some(Rotation::Estimate) {
+            let pivot_mm = flow.keyframe_pivot_mm(self.pivot).map_err(refused)?;
             let seen = flow.measure_pose(frame_set).map_err(refused)?;
-            return Ok(self.of_pose(flow, seen));
+            return Ok(of_pose(seen, pivot_mm));
         }
         let seen = flow.measure(frame_set).map_err(refused)?;
         Ok(self.of_displacement(rig, seen))
@@ -322,24 +330,12 @@ impl Rule {
     ) -> Result<Measured, String> {
         let refused = |refusal: FlowRefusal| refusal.to_string();
         if self.rotation == Some(Rotation::Estimate) {
+            let pivot_mm = flow.keyframe_pivot_mm(self.pivot).map_err(refused)?;
             let seen = flow.measure_filtered_pose(filtered).map_err(refused)?;
-            return Ok(self.of_pose(flow, seen));
+            return Ok(of_pose(seen, pivot_mm));
         }
         let seen = flow.measure_filtered(filtered, &mut ()).map_err(refused)?;
         Ok(self.of_displacement(rig, seen))
-    }
-
-    fn of_pose(&self, flow: &Flow, seen: PoseMeasurement) -> Measured {
-        let centroid_mm = flow.keyframe_centroid_mm().unwrap_or(seen.pose.centroid_mm);
-        let count = seen.correspondences.len();
-        Measured {
-            solution: Ok(self.solution(&seen.pose, centroid_mm, count)),
-            correspondences: seen.correspondences,
-            cameras: seen.cameras,
-            rejected: seen.rejected.total(),
-            refused_cameras: seen.refused_cameras,
-            pose: Some(seen.pose),
-        }
     }
 
     fn of_displacement(&self, rig: &Rig, seen: Measurement) -> Measured {
@@ -354,24 +350,34 @@ impl Rule {
             pose: None,
         }
     }
+}
 
-    /// Returns the solution of a pose. `centroid_mm` is the mean of the points at the reference
-    /// instant.
-    fn solution(&self, pose: &Estimate, centroid_mm: [f64; 3], points: usize) -> Solution {
-        let pivot_mm = self.pivot_mm.unwrap_or(centroid_mm);
-        let moved = pose.displacement_of(pivot_mm);
-        Solution {
-            displacement_mm: moved.displacement_mm,
-            sigma_mm: Some(moved.sigma_mm()),
-            covariance_mm2: Some(moved.covariance_mm2),
-            points,
-            turn: Some(Turn {
-                rotation_deg: Some(pose.rotation_deg()),
-                rotation_sigma_deg: Some(pose.rotation_sigma_deg()),
-                pivot_mm: Some(pivot_mm),
-                is_significant: is_significant(pose),
-            }),
-        }
+fn of_pose(seen: PoseMeasurement, pivot_mm: [f64; 3]) -> Measured {
+    let count = seen.correspondences.len();
+    Measured {
+        solution: Ok(solution(&seen.pose, pivot_mm, count)),
+        correspondences: seen.correspondences,
+        cameras: seen.cameras,
+        rejected: seen.rejected.total(),
+        refused_cameras: seen.refused_cameras,
+        pose: Some(seen.pose),
+    }
+}
+
+/// Returns the solution of a pose: the displacement of the target's point at `pivot_mm`.
+fn solution(pose: &Estimate, pivot_mm: [f64; 3], points: usize) -> Solution {
+    let moved = pose.displacement_of(pivot_mm);
+    Solution {
+        displacement_mm: moved.displacement_mm,
+        sigma_mm: Some(moved.sigma_mm()),
+        covariance_mm2: Some(moved.covariance_mm2),
+        points,
+        turn: Some(Turn {
+            rotation_deg: Some(pose.rotation_deg()),
+            rotation_sigma_deg: Some(pose.rotation_sigma_deg()),
+            pivot_mm: Some(pivot_mm),
+            is_significant: is_significant(pose),
+        }),
     }
 }
 
@@ -458,7 +464,7 @@ mod tests {
             let rule = Rule {
                 method,
                 rotation,
-                pivot_mm: None,
+                pivot: Pivot::Centroid,
             };
             rule.rotation_use()
         };

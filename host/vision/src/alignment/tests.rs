@@ -310,6 +310,7 @@ fn other_rigs_get_visible_offsets() {
         stage: None,
         pivot: None,
         trigger: None,
+        laser: None,
         targets: Vec::new(),
         capture: Vec::new(),
     };

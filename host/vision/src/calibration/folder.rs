@@ -104,6 +104,7 @@ impl Calibration {
             stage: None,
             pivot: None,
             trigger: None,
+            laser: None,
             targets: Vec::new(),
             capture: Vec::new(),
         })

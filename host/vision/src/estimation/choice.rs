@@ -70,7 +70,7 @@ impl Choice {
     /// rig.pivot = Some(Pivot::Centroid); // rotation = "estimate"
     /// let rule = choice.rule(&rig, false)?;
     /// assert_eq!(rule.rotation, Some(Rotation::Estimate));
-    /// assert_eq!(rule.pivot_mm, Some([0.0, 0.0, 850.0]));
+    /// assert_eq!(rule.pivot, Pivot::Place([0.0, 0.0, 850.0]));
     /// # Ok::<(), Contradiction>(())
     /// ```
     ///
@@ -91,10 +91,7 @@ impl Choice {
         let rule = Rule {
             method,
             rotation,
-            pivot_mm: match pivot {
-                Some(Pivot::Place(place)) => Some(place),
-                Some(Pivot::Centroid) | None => None,
-            },
+            pivot: pivot.unwrap_or_default(),
         };
         let is_estimated = match rule.rotation_use() {
             Use::Demanded => true,
@@ -146,15 +143,15 @@ mod tests {
     fn rig_file_decides_what_is_not_chosen() {
         let rule = Choice::default().rule(&turning(PLACE), false).unwrap();
         assert_eq!(rule.rotation, Some(Rotation::Estimate));
-        assert_eq!(rule.pivot_mm, Some([1.0, 2.0, 800.0]));
+        assert_eq!(rule.pivot, PLACE);
         let chosen = Choice {
             pivot: Some(Pivot::Centroid),
             ..Choice::default()
         };
         let rule = chosen.rule(&turning(PLACE), false).unwrap();
         assert_eq!(
-            (rule.rotation, rule.pivot_mm),
-            (Some(Rotation::Estimate), None)
+            (rule.rotation, rule.pivot),
+            (Some(Rotation::Estimate), Pivot::Centroid)
         );
     }
 
@@ -163,12 +160,12 @@ mod tests {
         let refused = choice(None, Some(Rotation::Refuse));
         let rule = refused.rule(&turning(PLACE), false).unwrap();
         assert_eq!(
-            (rule.rotation, rule.pivot_mm),
-            (Some(Rotation::Refuse), None)
+            (rule.rotation, rule.pivot),
+            (Some(Rotation::Refuse), Pivot::Centroid)
         );
         let closed = choice(Some(Method::ClosedForm), None);
         let rule = closed.rule(&turning(PLACE), true).unwrap();
-        assert_eq!((rule.rotation, rule.pivot_mm), (None, None));
+        assert_eq!((rule.rotation, rule.pivot), (None, Pivot::Centroid));
     }
 
     #[test]

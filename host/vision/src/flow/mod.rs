@@ -218,10 +218,8 @@ impl Flow {
         let Some(pivot) = self.pivot else {
             return self.measure(frame_set);
         };
-        let measured = self.measure_pose(frame_set)?;
-        // There is a keyframe, or the pose would be refused.
-        let centroid_mm = self.keyframe_centroid_mm().unwrap_or_default();
-        Ok(measured.of_pivot(pivot.place_mm(centroid_mm)))
+        let pivot_mm = self.keyframe_pivot_mm(pivot)?;
+        Ok(self.measure_pose(frame_set)?.of_pivot(pivot_mm))
     }
 
     /// Does the same as [`Flow::measure`], with an observer of the pipeline's stages.

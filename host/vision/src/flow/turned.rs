@@ -15,6 +15,7 @@
 mod accept;
 mod consensus;
 mod corners;
+mod pivot;
 mod predictor;
 mod search;
 

@@ -82,6 +82,7 @@ pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
         stage,
         pivot: None,
         trigger: None,
+        laser: None,
         targets: Vec::new(),
         capture: Vec::new(),
     }
