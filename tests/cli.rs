@@ -30,6 +30,8 @@ mod pose;
 mod reference;
 #[path = "cli/setting_up.rs"]
 mod setting_up;
+#[path = "cli/spot.rs"]
+mod spot;
 #[path = "cli/targets.rs"]
 mod targets;
 #[path = "cli/usage.rs"]

@@ -25,3 +25,5 @@ mod rig_reference;
 mod scenario_reference;
 #[path = "docs/table.rs"]
 mod table;
+#[path = "docs/turning.rs"]
+mod turning;

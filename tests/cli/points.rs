@@ -64,6 +64,7 @@ fn desk_of(case: &Value) -> Desk {
             stage,
             pivot: Some(Pivot::Centroid),
             trigger: None,
+            laser: None,
             targets: Vec::new(),
             capture: Vec::new(),
         }
@@ -272,6 +273,7 @@ fn two_cameras_need_midpoint() {
         stage: None,
         pivot: Some(Pivot::Centroid),
         trigger: None,
+        laser: None,
         targets: Vec::new(),
         capture: Vec::new(),
     };

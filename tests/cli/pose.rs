@@ -59,6 +59,7 @@ fn desk_of(case: &Value) -> Desk {
             stage,
             pivot: Some(Pivot::Centroid),
             trigger: None,
+            laser: None,
             targets: Vec::new(),
             capture: Vec::new(),
         }
@@ -267,7 +268,7 @@ fn undetermined_rotation_is_named() {
 }
 
 /// Writes rendered frame sets of a poster with these displacements and rotations.
-fn desk_of_images(poses: &[Pose]) -> Desk {
+pub(super) fn desk_of_images(poses: &[Pose]) -> Desk {
     let (desk, rig) = (Desk::new(), Rig::paper());
     let scene = Scene::new(&rig, &Texture::natural(3), SceneSettings::default());
     let scene = scene.expect("a scene in range");
@@ -342,7 +343,7 @@ fn contradicting_options_exit_2() {
             "--rotation estimate",
         ),
         (&["--pivot", "1,2"], "12.5,-8,850"),
-        (&["--pivot", "spot"], "centroid"),
+        (&["--pivot", "laser"], "centroid"),
         (&["--rotation", "perhaps"], "refuse"),
     ] {
         let outcome = desk.estimate(options);

@@ -333,3 +333,58 @@ fn prediction_that_is_off_is_named() {
     assert!(named(&found[0], "warning").contains(&name), "{found:?}");
     assert!(verify(&desk, &[]).stdout.contains("lost steps"));
 }
+
+#[test]
+fn rotation_of_stated_target_is_predicted() {
+    let desk = desk();
+    let lines = "rotation = \"estimate\"\npivot = \"spot\"\n";
+    let laser = "[laser]\nfrom_mm = [20, 40, 0]\ndirection = [0, -0.05, 1]\n";
+    desk.write(
+        "rig.toml",
+        format!("{lines}{}{laser}", desk.read("rig.toml")),
+    );
+    let words = ["--depth-range", "800", "1600", "--points", "2,100"];
+    let target = |size: &str| {
+        let outcome = verify(&desk, &[&words[..], &["--target", size, "--json"]].concat());
+        assert_eq!(outcome.code, Some(0), "{}", outcome.stderr);
+        outcome.json()[0].clone()
+    };
+    let [small, large] = ["100,75", "200,150"].map(target);
+    assert_eq!(
+        large["settings"]["target_mm"],
+        serde_json::json!([200.0, 150.0])
+    );
+    let at = |found: &Value| found["depths"][0]["rotation"].clone();
+    let sigma = |found: &Value| {
+        let rotation = &at(found)["rotation_sigma_deg"];
+        assert!(rotation[0].is_null(), "two points");
+        [0, 1, 2].map(|i| rotation[1][i].as_f64().expect("a number"))
+    };
+    // With the inverse square of the size about x and y, with the inverse size about z, and more
+    // where the windows of a small target overlap.
+    let [small_x, _, small_z] = sigma(&small);
+    let [large_x, _, large_z] = sigma(&large);
+    assert!(
+        (3.0..6.0).contains(&(small_x / large_x)),
+        "{small_x} {large_x}"
+    );
+    assert!(
+        (1.9..4.0).contains(&(small_z / large_z)),
+        "{small_z} {large_z}"
+    );
+    let spot = &at(&large)["pivots"][3];
+    assert_eq!(spot["name"], "spot");
+    assert_eq!(spot["place_mm"], serde_json::json!([20.0, 0.0, 800.0]));
+    let outcome = verify(&desk, &[&words[..], &["--report", "rig.html"]].concat());
+    for part in ["rotation about x, y, z, degrees", "100 mm beside", "spot"] {
+        assert!(
+            outcome.stdout.contains(part),
+            "`{part}`: {}",
+            outcome.stdout
+        );
+        assert!(desk.read("rig.html").contains(part), "`{part}`");
+    }
+    for wrong in ["0,100", "100", "100,nan", "1,2,3"] {
+        verify(&desk, &["--target", wrong]).failed(2, &["--target takes width and height"]);
+    }
+}

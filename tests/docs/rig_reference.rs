@@ -109,7 +109,7 @@ fn complete_rig_file_is_accepted() {
 fn complete_rig_file_has_all_fields() {
     let text = complete_file(&Page::read(PAGE));
     let page = Page::read(PAGE);
-    for title in ["File", "Cameras", "Stage", "Triggers", "Targets"] {
+    for title in ["File", "Cameras", "Stage", "Triggers", "Laser", "Targets"] {
         for field in documented(&page.section(title)) {
             let assigned = text.contains(&format!("\n{field} = "));
             let table = text.contains(&format!("[{field}]"));
@@ -130,6 +130,7 @@ fn rig_reference_lists_every_field() {
         ("Cameras", "[[camera]]"),
         ("Stage", "[stage]"),
         ("Triggers", "[trigger]"),
+        ("Laser", "[laser]"),
         ("Targets", "[[target]]"),
     ] {
         let outcome = accepted(&with_line(after, "no_such_field = 1"));

@@ -3,11 +3,11 @@
 use crate::errors::value;
 use pyo3::prelude::*;
 use std::path::Path;
-use trinocular_rig::pivot::Pivot;
+use trinocular_rig::pivot::PivotChoice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::estimation::{Choice, Method, Rotation, Rule};
 
-/// Pivot as Python gives it: "centroid", or x, y, z in mm.
+/// Pivot as Python gives it: "centroid", "spot", or x, y, z in mm.
 #[derive(Clone, FromPyObject)]
 pub enum PyPivot {
     Name(String),
@@ -34,10 +34,10 @@ fn treatment(name: &str) -> PyResult<Rotation> {
     }
 }
 
-fn place(pivot: PyPivot) -> PyResult<Pivot> {
+fn chosen(pivot: PyPivot) -> PyResult<PivotChoice> {
     match pivot {
         PyPivot::Name(name) => name.parse().map_err(value),
-        PyPivot::Place(mm) if mm.iter().all(|mm| mm.is_finite()) => Ok(Pivot::Place(mm)),
+        PyPivot::Place(mm) if mm.iter().all(|mm| mm.is_finite()) => Ok(PivotChoice::Place(mm)),
         PyPivot::Place(mm) => Err(value(format!(
             "pivot_mm {mm:?} must be three finite numbers"
         ))),
@@ -55,10 +55,12 @@ pub fn rule(
     rotation: Option<&str>,
     pivot: Option<PyPivot>,
 ) -> PyResult<Rule> {
+    let pivot = pivot.map(chosen).transpose()?;
+    let pivot = pivot.map(|pivot| pivot.in_rig(rig.laser)).transpose();
     let choice = Choice {
         method: chosen_method.map(method).transpose()?,
         rotation: rotation.map(treatment).transpose()?,
-        pivot: pivot.map(place).transpose()?,
+        pivot: pivot.map_err(|no_laser| value(format!("--pivot spot: {no_laser}")))?,
     };
     let rule = choice.rule(rig).map_err(value)?;
     let method = rule.method.unwrap_or_default();

@@ -15,7 +15,6 @@ use trinocular::servo::visual_servo::{Measured, ServoEstimate, VisualServo};
 use trinocular_client::StationError;
 use trinocular_client::diagnosis::remedy;
 use trinocular_core::time::Instant;
-use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::estimation::{Solution, Turn, Use};
 use trinocular_vision::flow::TargetTurn;
@@ -138,7 +137,7 @@ impl Follower {
         let mut servo = VisualServo::new(&rig.rig, Estimator::Midpoint).map_err(value)?;
         servo.set_regions(copied(&regions)?);
         let is_estimated = matches!(rule.rotation_use(), Use::Demanded | Use::Offered);
-        servo.set_pivot(is_estimated.then(|| rule.pivot_mm.map_or(Pivot::Centroid, Pivot::Place)));
+        servo.set_pivot(is_estimated.then_some(rule.pivot));
         Ok(Self {
             rig,
             state: Mutex::new(State {

@@ -49,6 +49,7 @@ def test_faults_of_files_have_their_place(tmp_path):
         ({"pivot_mm": (0, 0, 850)}, 'give rotation="estimate"'),
         ({"rotation": "refuse", "pivot_mm": "centroid"}, 'give rotation="estimate"'),
         ({"rotation": "estimate", "pivot_mm": "1,2,800"}, "centroid"),
+        ({"rotation": "estimate", "pivot_mm": "spot"}, r'pivot_mm="spot": .*\[laser\]'),
         ({"rotation": "estimate", "pivot_mm": (0, np.nan, 850)}, "finite"),
         ({"roi": (0, 0, 10_000, 10)}, "beyond"),
         ({"roi": (-1, 0, 10, 10)}, "beyond"),

@@ -92,11 +92,12 @@ def test_exposure_of_keyframe_is_named(captures, data, rig):
     assert list(t.measure(frames[0], frames[1], rig).warnings) == expected[0]["warnings"]
 
 
-@pytest.mark.parametrize("pivot", ["centroid", [-12.5, 8.0, 850.0]])
+@pytest.mark.parametrize("pivot", ["centroid", "spot", [-12.5, 8.0, 850.0]])
 def test_rotation_of_rig_file_is_heeded(captures, data, tmp_path, pivot):
     text = (data / "rig.toml").read_text()
     turning = tmp_path / "turning.toml"
-    turning.write_text(f'rotation = "estimate"\npivot = {json.dumps(pivot)}\n' + text)
+    laser = "[laser]\nfrom_mm = [0, 40, 0]\ndirection = [0, -0.05, 1]\n"
+    turning.write_text(f'rotation = "estimate"\npivot = {json.dumps(pivot)}\n{text}\n{laser}')
     rig = t.Rig.load(turning)
     frames = list(t.read(captures, rig))
     for options in ({}, {"rotation": "refuse"}, {"pivot_mm": "centroid"}):

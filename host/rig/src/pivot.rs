@@ -3,16 +3,10 @@
 use std::fmt;
 use std::str::FromStr;
 
+use crate::rig_file::Laser;
+
 /// Point of the target whose displacement is stated. The points of a target that turns move
 /// differently.
-///
-/// ```
-/// use trinocular_rig::pivot::Pivot;
-///
-/// assert_eq!("centroid".parse(), Ok(Pivot::Centroid));
-/// assert_eq!("-12.5,8,850".parse(), Ok(Pivot::Place([-12.5, 8.0, 850.0])));
-/// assert!("12,8".parse::<Pivot>().is_err());
-/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Pivot {
     /// The mean of all points at the reference instant.
@@ -20,6 +14,29 @@ pub enum Pivot {
     Centroid,
     /// A place at the reference instant in the axes and from the origin of the rig file, mm.
     Place([f64; 3]),
+    /// The point that the ray of this laser meets at the reference instant.
+    Spot(Laser),
+}
+
+/// Pivot as options and files name it: the ray of a spot is that of the rig file.
+///
+/// ```
+/// use trinocular_rig::pivot::{NoLaser, Pivot, PivotChoice};
+///
+/// assert_eq!("-12.5,8,850".parse(), Ok(PivotChoice::Place([-12.5, 8.0, 850.0])));
+/// assert_eq!("centroid".parse::<PivotChoice>()?.in_rig(None), Ok(Pivot::Centroid));
+/// assert_eq!("spot".parse::<PivotChoice>()?.in_rig(None), Err(NoLaser));
+/// assert!("12,8".parse::<PivotChoice>().is_err());
+/// # Ok::<(), trinocular_rig::pivot::NotAPivot>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PivotChoice {
+    /// The mean of all points.
+    Centroid,
+    /// A place, mm.
+    Place([f64; 3]),
+    /// The point that the ray of the rig's laser meets.
+    Spot,
 }
 
 /// Error of a pivot that could not be read.
@@ -28,28 +45,50 @@ pub struct NotAPivot;
 
 impl fmt::Display for NotAPivot {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("expected centroid, or x, y and z in mm such as 12.5,-8,850")
+        f.write_str("expected centroid, spot, or x, y and z in mm such as 12.5,-8,850")
     }
 }
 
 impl std::error::Error for NotAPivot {}
 
-impl Pivot {
-    /// Returns the place, mm, given the mean of all points at the reference instant.
-    pub const fn place_mm(self, centroid_mm: [f64; 3]) -> [f64; 3] {
+/// Error of a spot in a rig that describes no laser.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NoLaser;
+
+impl fmt::Display for NoLaser {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(
+            "the spot is where the ray of the rig file's [laser] meets the target, and there is \
+             no such table; add `[laser]` with `from_mm = [0.0, 40.0, 0.0]` and `direction = \
+             [0.0, -0.05, 1.0]`",
+        )
+    }
+}
+
+impl std::error::Error for NoLaser {}
+
+impl PivotChoice {
+    /// Returns the pivot in a rig with this laser.
+    ///
+    /// # Errors
+    /// [`NoLaser`] for the spot in a rig without a laser.
+    pub fn in_rig(self, laser: Option<Laser>) -> Result<Pivot, NoLaser> {
         match self {
-            Self::Centroid => centroid_mm,
-            Self::Place(place) => place,
+            Self::Centroid => Ok(Pivot::Centroid),
+            Self::Place(place) => Ok(Pivot::Place(place)),
+            Self::Spot => laser.map(Pivot::Spot).ok_or(NoLaser),
         }
     }
 }
 
-impl FromStr for Pivot {
+impl FromStr for PivotChoice {
     type Err = NotAPivot;
 
     fn from_str(text: &str) -> Result<Self, NotAPivot> {
-        if text == "centroid" {
-            return Ok(Self::Centroid);
+        match text {
+            "centroid" => return Ok(Self::Centroid),
+            "spot" => return Ok(Self::Spot),
+            _ => {}
         }
         let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
         match numbers.as_deref() {
@@ -64,6 +103,7 @@ impl fmt::Display for Pivot {
         match self {
             Self::Centroid => f.write_str("centroid"),
             Self::Place([x, y, z]) => write!(f, "{x},{y},{z}"),
+            Self::Spot(_) => f.write_str("spot"),
         }
     }
 }
@@ -72,16 +112,22 @@ impl fmt::Display for Pivot {
 mod tests {
     use super::*;
 
+    const LASER: Laser = Laser {
+        from_mm: [0.0, 40.0, 0.0],
+        direction: [0.0, -0.05, 1.0],
+    };
+
     #[test]
     fn pivots_are_read_with_negative_numbers() {
-        let read = |text: &str| text.parse::<Pivot>().ok();
-        assert_eq!(read("centroid"), Some(Pivot::Centroid));
+        let read = |text: &str| text.parse::<PivotChoice>().ok();
+        assert_eq!(read("centroid"), Some(PivotChoice::Centroid));
+        assert_eq!(read("spot"), Some(PivotChoice::Spot));
         assert_eq!(
             read("-12.5,8, 850"),
-            Some(Pivot::Place([-12.5, 8.0, 850.0]))
+            Some(PivotChoice::Place([-12.5, 8.0, 850.0]))
         );
         for wrong in [
-            "", "spot", "1,2", "1,2,3,4", "1,2,x", "1,nan,3", "inf,0,1", "1;2;3",
+            "", "laser", "1,2", "1,2,3,4", "1,2,x", "1,nan,3", "inf,0,1", "1;2;3",
         ] {
             assert_eq!(read(wrong), None, "{wrong}");
         }
@@ -89,8 +135,19 @@ mod tests {
 
     #[test]
     fn written_pivot_is_read_back() {
-        for pivot in [Pivot::Centroid, Pivot::Place([0.1, -2.5e-7, 850.0])] {
-            assert_eq!(pivot.to_string().parse(), Ok(pivot));
+        for pivot in [
+            Pivot::Centroid,
+            Pivot::Place([0.1, -2.5e-7, 850.0]),
+            Pivot::Spot(LASER),
+        ] {
+            let read: PivotChoice = pivot.to_string().parse().expect("a pivot");
+            assert_eq!(read.in_rig(Some(LASER)), Ok(pivot));
         }
+    }
+
+    #[test]
+    fn spot_needs_a_laser() {
+        assert_eq!(PivotChoice::Spot.in_rig(None), Err(NoLaser));
+        assert!(NoLaser.to_string().contains("add `[laser]`"));
     }
 }

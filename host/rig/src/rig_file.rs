@@ -18,6 +18,8 @@
 //! [stage]                               # optional; see `Stage`
 //!
 //! [trigger]                             # optional; see `Trigger`
+//!
+//! [laser]                               # optional; see `Laser`
 //! ```
 //!
 //! The rotation (axis times angle, OpenCV's rotation vector in degrees) takes directions along the
@@ -48,6 +50,7 @@ mod care;
 mod doubt;
 pub mod edit;
 pub mod field;
+mod laser;
 mod lens;
 mod pivot;
 mod stage;
@@ -57,6 +60,7 @@ mod trigger;
 
 pub use capture::Capture;
 pub use care::{Care, HomeSwitch};
+pub use laser::Laser;
 pub use lens::{NOT_A_LENS, can_undistort, focal_fault};
 pub use stage::{Driver, Stage, along_stage};
 pub use target::{MOST_TARGETS, Target};
@@ -137,6 +141,8 @@ pub struct RigFile {
     pub capture: Vec<Capture>,
     /// Triggers of the cameras, if the station gives them.
     pub trigger: Option<Trigger>,
+    /// Laser whose spot can be the pivot.
+    pub laser: Option<Laser>,
     /// Targets that are measured apart; empty if the whole view is one target.
     pub targets: Vec<Target>,
 }
@@ -151,6 +157,7 @@ impl RigFile {
             pivot: Some(Pivot::Centroid),
             capture: Vec::new(),
             trigger: None,
+            laser: None,
             targets: Vec::new(),
         }
     }
@@ -214,6 +221,7 @@ impl RigFile {
             "camera",
             "stage",
             "trigger",
+            "laser",
             "target",
         ])?;
         root.require(&[
@@ -232,6 +240,10 @@ impl RigFile {
             Some(section) => Some(Trigger::read(&section)?),
             None => None,
         };
+        let laser = match root.optional("laser")? {
+            Some(section) => Some(Laser::read(&section)?),
+            None => None,
+        };
         let targets = match root.optional("target")? {
             Some(list) => target::read(&list, &names, nearest_middle(&cameras), image_size_px)?,
             None => Vec::new(),
@@ -244,9 +256,10 @@ impl RigFile {
                 cameras: cameras.into_iter().collect(),
             },
             stage,
-            pivot: pivot::read(&root)?,
+            pivot: pivot::read(&root, laser)?,
             capture,
             trigger,
+            laser,
             targets,
         })
     }
@@ -276,6 +289,9 @@ impl RigFile {
         }
         if let Some(trigger) = &self.trigger {
             trigger.write_toml(&mut text);
+        }
+        if let Some(laser) = &self.laser {
+            laser.write_toml(&mut text);
         }
         target::write_toml(&self.targets, &self.names, &mut text);
         text

@@ -2,6 +2,7 @@
 //!
 //! - [`field_of_view`](trinocular_vision::field_of_view): common view of all cameras and of two;
 //! - [`sigma`]: standard deviation of a displacement per axis, over depth and number of points;
+//! - [`rotation`]: standard deviation of a rotation, and of the displacement of a pivot with it;
 //! - [`drive`]: step rates and stopping distances of the stage;
 //! - [`headroom`]: distance of all numbers from the limits of their fixed-point formats;
 //! - [`limitation`]: the limits of the rig, by name;
@@ -13,6 +14,7 @@ pub mod drive;
 pub mod headroom;
 pub mod limitation;
 pub mod present;
+pub mod rotation;
 pub mod sigma;
 
 use serde::Serialize;
@@ -20,9 +22,10 @@ use serde::Serialize;
 use drive::Drive;
 use headroom::Headroom;
 use limitation::Limitation;
+use rotation::RotationBudget;
 use sigma::{MARGIN_PX, Predictor};
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::field_of_view::FieldOfView;
+use trinocular_vision::field_of_view::{FieldOfView, Rectangle};
 use trinocular_vision::matching::geometry::RigGeometry;
 use trinocular_vision::matching::stereo::matched_depths_mm;
 
@@ -35,6 +38,9 @@ pub struct Settings {
     pub points: Vec<u32>,
     /// Nearest and farthest depth of the target, mm.
     pub depth_range_mm: [f64; 2],
+    /// Width and height of the flat target whose rotation is predicted, mm; `None` for one that
+    /// fills the common view.
+    pub target_mm: Option<[f64; 2]>,
 }
 
 impl Default for Settings {
@@ -46,6 +52,21 @@ impl Default for Settings {
             noise_px: 0.03,
             points: vec![25, 50, 100, 200],
             depth_range_mm: [300.0, 2000.0],
+            target_mm: None,
+        }
+    }
+}
+
+impl Settings {
+    /// Returns the target's rectangle in the middle of the view, and not beyond it.
+    fn target(&self, view: &Rectangle) -> Rectangle {
+        let sides = view.sides();
+        let wanted = self.target_mm.unwrap_or(sides);
+        let half = [0, 1].map(|i| 0.5 * wanted[i].min(sides[i]));
+        let middle = [0, 1].map(|i| 0.5 * (view.low[i] + view.high[i]));
+        Rectangle {
+            low: [0, 1].map(|i| middle[i] - half[i]),
+            high: [0, 1].map(|i| middle[i] + half[i]),
         }
     }
 }
@@ -69,6 +90,8 @@ pub struct AtDepth {
     pub room_for: u32,
     /// Variance inflation factor for each of [`Settings::points`], at least 1.
     pub widening: Vec<f64>,
+    /// Predictions for a flat target whose rotation is estimated; `None` where `sigma_mm` is empty.
+    pub rotation: Option<RotationBudget>,
 }
 
 /// Space in which targets can be.
@@ -191,6 +214,12 @@ fn at_depth(
     let is_matched = (matched_mm[0]..=matched_mm[1]).contains(&depth_mm);
     let predictor =
         Predictor::new(&rig.rig, view, depth_mm, settings.noise_px).filter(|_| is_matched);
+    let common = view.common(depth_mm).filter(|_| predictor.is_some());
+    let rotation = common.and_then(|common| {
+        let target = settings.target(&common);
+        let noise = (settings.noise_px, settings.points.as_slice());
+        RotationBudget::of(&rig.rig, (&target, depth_mm), noise, rig.pivot)
+    });
     let predictions: Vec<_> = predictor
         .iter()
         .flat_map(|predictor| settings.points.iter().map(|n| predictor.predict(*n)))
@@ -203,6 +232,7 @@ fn at_depth(
         room_for: predictor.as_ref().map_or(0, Predictor::room_for),
         sigma_mm: predictions.iter().map(|p| p.sigma_mm).collect(),
         widening: predictions.iter().map(|p| p.widening).collect(),
+        rotation,
     }
 }
 

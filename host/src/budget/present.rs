@@ -8,10 +8,66 @@ use crate::report::{Cell, LinePlot, Page, Style, Table};
 pub fn tables(found: &Verification) -> Vec<Table> {
     let drive = found.drive.as_ref().map(|_| stage(found));
     let headroom = found.headroom.as_ref().map(|_| headroom(found));
-    [Some(sigma(found)), drive, headroom]
-        .into_iter()
-        .flatten()
-        .collect()
+    let turning = [rotation(found), pivots(found)];
+    [
+        vec![sigma(found)],
+        turning.into(),
+        drive.into_iter().collect(),
+        headroom.into_iter().collect(),
+    ]
+    .concat()
+}
+
+/// Describes the target whose rotation is predicted.
+fn target(found: &Verification) -> String {
+    match found.settings.target_mm {
+        Some([width, height]) => format!("a flat target of {width} x {height} mm"),
+        None => "a flat target that all see".to_owned(),
+    }
+}
+
+/// Returns sigma of the rotation over depth and number of points.
+fn rotation(found: &Verification) -> Table {
+    let caption = format!(
+        "Predicted sigma of a rotation about x, y, z, degrees, of {}",
+        target(found)
+    );
+    let mut table = Table::new(caption, ["depth, mm"]);
+    let counts = found.settings.points.iter();
+    table.columns.extend(counts.map(|n| format!("{n} points")));
+    for at in found.table_depths() {
+        let mut row = vec![Cell::number(at.depth_mm, 0)];
+        let sigmas = at.rotation.iter().flat_map(|r| &r.rotation_sigma_deg);
+        row.extend(sigmas.map(|sigma| vector(*sigma)));
+        table.rows.push(row);
+    }
+    table
+}
+
+/// Returns sigma of the displacement of pivots over depth, for the largest number of points.
+fn pivots(found: &Verification) -> Table {
+    let points = found.settings.points.iter().enumerate();
+    let (index, points) = points.max_by_key(|(_, n)| **n).unwrap_or((0, &0));
+    let caption =
+        format!("Predicted sigma X Y Z of the displacement of its pivot, mm, with {points} points");
+    let mut table = Table::new(caption, ["depth, mm", "without rotation"]);
+    let named = found.depths.iter().find_map(|at| at.rotation.as_ref());
+    let names = named.iter().flat_map(|rotation| &rotation.pivots);
+    table.columns.extend(names.map(|pivot| pivot.name.clone()));
+    for at in found.table_depths() {
+        let mut row = vec![Cell::number(at.depth_mm, 0)];
+        if let Some(rotation) = &at.rotation {
+            let all = rotation.pivots.iter().map(|pivot| &pivot.sigma_mm);
+            let all = [&rotation.without_rotation_sigma_mm].into_iter().chain(all);
+            row.extend(all.map(|sigma| vector(sigma.get(index).copied().flatten())));
+        }
+        table.rows.push(row);
+    }
+    table
+}
+
+fn vector(sigma: Option<[f64; 3]>) -> Cell {
+    sigma.map_or_else(|| Cell::right("-"), |sigma| Cell::vector(&sigma, 4, 7))
 }
 
 /// Returns sigma over depth and number of points.

@@ -22,7 +22,7 @@
 //! ([`trinocular_vision::flow::variance_inflation`]).
 
 use nalgebra::{Matrix2x3, Matrix3};
-use trinocular_core::rig::Rig;
+use trinocular_core::rig::{Camera, Rig};
 
 use trinocular_vision::field_of_view::{FieldOfView, Rectangle};
 use trinocular_vision::flow::variance_inflation::with_common_error;
@@ -65,26 +65,23 @@ impl Predictor {
     /// deviation of each component in each camera). Returns `None` if the cameras have no common
     /// view.
     pub fn new(rig: &Rig, view: &FieldOfView, depth_mm: f64, noise_px: f64) -> Option<Self> {
-        let common = view.common(depth_mm)?;
+        Self::over(rig, &view.common(depth_mm)?, depth_mm, noise_px)
+    }
+
+    /// Creates a predictor as [`Predictor::new`] does, for points on a rectangle instead of the
+    /// whole view.
+    pub fn over(rig: &Rig, target: &Rectangle, depth_mm: f64, noise_px: f64) -> Option<Self> {
         let (mut normal, mut noisy) = (Matrix3::zeros(), Matrix3::zeros());
-        for [x, y] in gauss_points(&common) {
+        for at in gauss_points(target) {
             for camera in &rig.cameras {
-                let [xi, eta] = [
-                    (x - camera.offset_mm[0]) / depth_mm,
-                    (y - camera.offset_mm[1]) / depth_mm,
-                ];
-                let rows = Matrix2x3::new(1.0, 0.0, -xi, 0.0, 1.0, -eta) / depth_mm;
+                let rows = flow_rows(camera, at, depth_mm);
                 normal += rows.transpose() * rows;
-                let mut spoilt = rows;
-                for (i, focal_px) in camera.focal_px.into_iter().enumerate() {
-                    spoilt.row_mut(i).scale_mut((noise_px / focal_px).powi(2));
-                }
-                noisy += rows.transpose() * spoilt;
+                noisy += rows.transpose() * spoilt(&rows, camera, noise_px);
             }
         }
         let inverse = normal.try_inverse()?;
         let px_per_mm = rig.mean_focal_px() / depth_mm;
-        let sides_px = common.sides().map(|side| side * px_per_mm);
+        let sides_px = target.sides().map(|side| side * px_per_mm);
         Some(Self {
             // The sums are over four points.
             covariance_mm2: inverse * noisy * inverse * 4.0,
@@ -121,6 +118,24 @@ impl Predictor {
     fn with(&self, points: u32, widening: f64) -> [f64; 3] {
         [0, 1, 2].map(|i| (self.covariance_mm2[(i, i)] * widening / f64::from(points)).sqrt())
     }
+}
+
+/// Returns the derivative of a point's normalised flow in one camera by the point's displacement.
+pub(super) fn flow_rows(camera: &Camera, [x, y]: [f64; 2], depth_mm: f64) -> Matrix2x3<f64> {
+    let [xi, eta] = [
+        (x - camera.offset_mm[0]) / depth_mm,
+        (y - camera.offset_mm[1]) / depth_mm,
+    ];
+    Matrix2x3::new(1.0, 0.0, -xi, 0.0, 1.0, -eta) / depth_mm
+}
+
+/// Returns the rows of [`flow_rows`] times the variances of their noise.
+pub(super) fn spoilt(rows: &Matrix2x3<f64>, camera: &Camera, noise_px: f64) -> Matrix2x3<f64> {
+    let mut spoilt = *rows;
+    for (i, focal_px) in camera.focal_px.into_iter().enumerate() {
+        spoilt.row_mut(i).scale_mut((noise_px / focal_px).powi(2));
+    }
+    spoilt
 }
 
 /// Returns the four Gauss points of a rectangle, whose mean of any polynomial of up to the third

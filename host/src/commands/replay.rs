@@ -15,8 +15,9 @@ use trinocular_recording::regions;
 use trinocular_recording::replay::{self, Comparison, Difference, Replayed, Settings};
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
-use trinocular_rig::pivot::NotAPivot;
+use trinocular_rig::pivot::{Pivot, PivotChoice};
 use trinocular_rig::printable::printable_up_to;
+use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::sums::Estimator;
 
 /// Longest text of a recording that is printed, characters.
@@ -125,12 +126,10 @@ fn settings(
             return Err(InputError::file(source.path(), reason).into());
         }
     };
-    let pivot = match origin.get("pivot") {
-        None => None,
-        Some(pivot) => Some(pivot.parse().map_err(|error: NotAPivot| {
-            InputError::file(source.path(), format!("its pivot {pivot:?}: {error}"))
-        })?),
-    };
+    let pivot = origin.get("pivot").map(|text| pivot(text, &rig));
+    let pivot = pivot
+        .transpose()
+        .map_err(|reason| InputError::file(source.path(), reason))?;
     let cameras = (rig.names.as_slice(), rig.rig.image_size_px);
     Ok(Settings {
         regions: regions::read(source.path(), cameras, survey)?,
@@ -140,6 +139,14 @@ fn settings(
         pivot,
         twin: origin.get("twin").cloned(),
     })
+}
+
+/// Reads the pivot of a recording, whose rig is `rig`.
+fn pivot(text: &str, rig: &RigFile) -> Result<Pivot, String> {
+    let chosen: Result<PivotChoice, _> = text.parse();
+    let chosen = chosen.map_err(|error| format!("its pivot {text:?}: {error}"))?;
+    let pivot = chosen.in_rig(rig.laser);
+    pivot.map_err(|no_laser| format!("its pivot {text:?}: {no_laser}"))
 }
 
 /// Returns what differs between the recording's program or machine and this one.

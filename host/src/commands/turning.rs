@@ -3,7 +3,7 @@
 use super::estimate::Rotation;
 use crate::commands::failure::Failure;
 use clap::Args;
-use trinocular_rig::pivot::Pivot;
+use trinocular_rig::pivot::{Pivot, PivotChoice};
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::estimation::Contradiction;
 
@@ -20,10 +20,22 @@ pub struct TurningOptions {
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
 
-    /// Point of the target that is followed: centroid, or its x, y, z mm at the first frame set, in
-    /// the axes and from the origin of the rig file [default: the rig file's `pivot`, or centroid]
-    #[arg(long, value_name = "centroid|X,Y,Z", allow_hyphen_values = true)]
-    pivot: Option<Pivot>,
+    /// Point of the target that is followed: centroid, spot, or its x, y, z mm at the first frame
+    /// set, in the axes and from the origin of the rig file [default: the rig file's `pivot`, or
+    /// centroid]
+    ///
+    /// spot is the point that the ray of the rig file's `[laser]` meets at the first frame set.
+    #[arg(long, value_name = "centroid|spot|X,Y,Z", allow_hyphen_values = true)]
+    pivot: Option<PivotChoice>,
+}
+
+/// Returns the pivot that an option chose, in this rig.
+///
+/// # Errors
+/// [`Failure::Usage`] for the spot of a rig without a laser.
+pub(super) fn pivot(chosen: Option<PivotChoice>, rig: &RigFile) -> Result<Option<Pivot>, Failure> {
+    let pivot = chosen.map(|chosen| chosen.in_rig(rig.laser)).transpose();
+    pivot.map_err(|no_laser| Failure::Usage(format!("--pivot spot: {no_laser}")))
 }
 
 impl TurningOptions {
@@ -44,7 +56,7 @@ impl TurningOptions {
             }
             None => {}
         }
-        match (self.pivot, &mut rig.pivot) {
+        match (pivot(self.pivot, rig)?, &mut rig.pivot) {
             (None, _) => Ok(()),
             (Some(given), Some(pivot)) => {
                 *pivot = given;

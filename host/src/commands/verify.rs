@@ -16,7 +16,7 @@ use super::report_option::ReportOption;
 /// Predict what a rig can measure, and name what limits it
 ///
 /// From the rig file alone: the standard deviation of a displacement per axis over depth and number
-/// of points, the space that the cameras see, step rates and stopping distances of the stage, and
+/// of points, that of a rotation and of a pivot's displacement, the space that the cameras see, step rates and stopping distances of the stage, and
 /// the headroom of all numbers in their fixed-point formats. No image is taken and nothing moves.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
@@ -29,6 +29,7 @@ pub struct VerifyOptions {
     ///
     /// With 2 of 255 grey levels of noise, sharp images have 0.012 to 0.015 px, soft ones 0.03 to
     /// 0.054 px.
+    /// The flow has two ends, so it is 1.41 times the noise of a point at one instant.
     #[arg(long, value_name = "PX", default_value_t = Settings::default().noise_px)]
     noise: f64,
 
@@ -51,6 +52,14 @@ pub struct VerifyOptions {
     )]
     depth_range: Vec<f64>,
 
+    /// Width and height of a flat target, mm, whose rotation and pivots are predicted [default: all
+    /// that the cameras see in common]
+    ///
+    /// It faces the cameras in the middle of what all of them see. Sigma of its rotation about x
+    /// and y grows with the inverse square of its size.
+    #[arg(long, value_name = "W,H", value_delimiter = ',')]
+    target: Option<Vec<f64>>,
+
     /// Print one JSON object instead
     #[arg(long)]
     json: bool,
@@ -64,6 +73,7 @@ Examples:
   trinocular verify rig.toml
   trinocular verify rig.toml --noise 0.1 --points 20,100 --report rig.html
   trinocular verify rig.toml --depth-range 600 1200 --json
+  trinocular verify rig.toml --target 200,150
 
 The exit code is 1 if the station would refuse the rig's stage.";
 
@@ -105,7 +115,15 @@ fn settings(options: &VerifyOptions) -> Result<Settings, Failure> {
     if !(near >= 1.0 && near < far && far <= 1e6) {
         return usage("--depth-range must go from at least 1 mm up to at most 1000000 mm");
     }
+    let target_mm = match options.target.as_deref() {
+        None => None,
+        Some(&[width, height]) if [width, height].iter().all(|mm| (1.0..=1e6).contains(mm)) => {
+            Some([width, height])
+        }
+        Some(_) => return usage("--target takes width and height, 1 to 1000000 mm: 200,150"),
+    };
     Ok(Settings {
+        target_mm,
         noise_px: options.noise,
         points: options.points.clone(),
         depth_range_mm: [near, far],

@@ -28,6 +28,7 @@
 //! ```
 
 mod choice;
+mod pivot;
 
 pub use choice::{Choice, Contradiction};
 
@@ -44,6 +45,7 @@ use trinocular_core::estimate::Refusal;
 use trinocular_core::estimate::pose::{self, Estimate, Observation};
 use trinocular_core::rig::Rig;
 use trinocular_core::sums::centred::Geometry;
+use trinocular_rig::pivot::Pivot;
 
 /// Largest rotation of a target that counts as one that does not turn, degrees.
 const MOST_TURN_DEG: f64 = 0.15;
@@ -187,8 +189,8 @@ pub struct Rule {
     /// Treatment of a target that turns; `None` estimates the rotation of points if they
     /// determine it and no method is given, and warns of a turn otherwise.
     pub rotation: Option<Rotation>,
-    /// Point of the target whose displacement is stated, mm; `None` for the centroid.
-    pub pivot_mm: Option<[f64; 3]>,
+    /// Point of the target whose displacement is stated.
+    pub pivot: Pivot,
 }
 
 /// Use of the rotation of one set of points.
@@ -236,16 +238,21 @@ impl Rule {
         };
         // The pose takes its noise from the points' misfit, which needs no inflation.
         let seen = pose_of(rig, &points.correspondences);
+        let turned = |pose: &Estimate, count| {
+            let pivot_mm = pivot::place_mm(self.pivot, pose, rig, &points.correspondences);
+            let pivot_mm = pivot_mm.map_err(|missed| missed.to_string())?;
+            Ok(solution(pose, pivot_mm, count))
+        };
         let used = self.rotation_use();
         match (used, seen) {
-            (Use::Demanded, Ok((pose, count))) => Ok(self.solution(&pose, pose.centroid_mm, count)),
+            (Use::Demanded, Ok((pose, count))) => turned(&pose, count),
             (Use::Demanded, Err(refusal)) => {
                 Err(format!("{refusal}; without a rotation: --rotation refuse"))
             }
             (Use::Offered, seen) => {
                 let reason = match seen {
                     Ok((pose, count)) if is_determined(&pose) => {
-                        return Ok(self.solution(&pose, pose.centroid_mm, count));
+                        return turned(&pose, count);
                     }
                     Ok((pose, _)) => {
                         let sigma = pose.rotation_sigma_deg();
@@ -317,14 +324,13 @@ impl Rule {
     }
 
     fn seen(&self, flow: &mut Flow, filtered: &FilteredFrameSet) -> Result<Offered, FlowRefusal> {
-        match self.rotation_use() {
-            Use::Demanded => flow.measure_filtered_pose(filtered).map(Offered::Pose),
+        match (self.rotation_use(), self.pivot) {
             // Without a rotation, the displacement is that of the centroid.
-            Use::Offered if self.pivot_mm.is_some() => {
+            (Use::Offered, Pivot::Centroid) => flow.measure_filtered_offered(filtered),
+            (Use::Demanded | Use::Offered, _) => {
                 flow.measure_filtered_pose(filtered).map(Offered::Pose)
             }
-            Use::Offered => flow.measure_filtered_offered(filtered),
-            Use::Refused | Use::Warned => {
+            (Use::Refused | Use::Warned, _) => {
                 let seen = flow.measure_filtered(filtered, &mut ());
                 seen.map(Offered::Displacement)
             }
@@ -337,22 +343,13 @@ impl Rule {
         rig: &Rig,
         seen: Result<Offered, FlowRefusal>,
     ) -> Result<Measured, String> {
-        match seen.map_err(|refusal| refusal.to_string())? {
-            Offered::Pose(seen) => Ok(self.of_pose(flow, seen)),
+        let refused = |refusal: FlowRefusal| refusal.to_string();
+        match seen.map_err(refused)? {
+            Offered::Pose(seen) => {
+                let pivot_mm = flow.keyframe_pivot_mm(self.pivot).map_err(refused)?;
+                Ok(of_pose(seen, pivot_mm))
+            }
             Offered::Displacement(seen) => Ok(self.of_displacement(rig, seen)),
-        }
-    }
-
-    fn of_pose(&self, flow: &Flow, seen: PoseMeasurement) -> Measured {
-        let centroid_mm = flow.keyframe_centroid_mm().unwrap_or(seen.pose.centroid_mm);
-        let count = seen.correspondences.len();
-        Measured {
-            solution: Ok(self.solution(&seen.pose, centroid_mm, count)),
-            correspondences: seen.correspondences,
-            cameras: seen.cameras,
-            rejected: seen.rejected.total(),
-            refused_cameras: seen.refused_cameras,
-            pose: Some(seen.pose),
         }
     }
 
@@ -370,24 +367,34 @@ impl Rule {
             pose: None,
         }
     }
+}
 
-    /// Returns the solution of a pose. `centroid_mm` is the mean of the points at the reference
-    /// instant.
-    fn solution(&self, pose: &Estimate, centroid_mm: [f64; 3], points: usize) -> Solution {
-        let pivot_mm = self.pivot_mm.unwrap_or(centroid_mm);
-        let moved = pose.displacement_of(pivot_mm);
-        Solution {
-            displacement_mm: moved.displacement_mm,
-            sigma_mm: Some(moved.sigma_mm()),
-            covariance_mm2: Some(moved.covariance_mm2),
-            points,
-            turn: Some(Turn {
-                rotation_deg: Some(pose.rotation_deg()),
-                rotation_sigma_deg: Some(pose.rotation_sigma_deg()),
-                pivot_mm: Some(pivot_mm),
-                is_significant: is_significant(pose),
-            }),
-        }
+fn of_pose(seen: PoseMeasurement, pivot_mm: [f64; 3]) -> Measured {
+    let count = seen.correspondences.len();
+    Measured {
+        solution: Ok(solution(&seen.pose, pivot_mm, count)),
+        correspondences: seen.correspondences,
+        cameras: seen.cameras,
+        rejected: seen.rejected.total(),
+        refused_cameras: seen.refused_cameras,
+        pose: Some(seen.pose),
+    }
+}
+
+/// Returns the solution of a pose: the displacement of the target's point at `pivot_mm`.
+fn solution(pose: &Estimate, pivot_mm: [f64; 3], points: usize) -> Solution {
+    let moved = pose.displacement_of(pivot_mm);
+    Solution {
+        displacement_mm: moved.displacement_mm,
+        sigma_mm: Some(moved.sigma_mm()),
+        covariance_mm2: Some(moved.covariance_mm2),
+        points,
+        turn: Some(Turn {
+            rotation_deg: Some(pose.rotation_deg()),
+            rotation_sigma_deg: Some(pose.rotation_sigma_deg()),
+            pivot_mm: Some(pivot_mm),
+            is_significant: is_significant(pose),
+        }),
     }
 }
 
@@ -463,7 +470,7 @@ mod tests {
             let rule = Rule {
                 method,
                 rotation,
-                pivot_mm: None,
+                pivot: Pivot::Centroid,
             };
             rule.rotation_use()
         };

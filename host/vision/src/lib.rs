@@ -36,6 +36,7 @@ pub mod measure;
 mod median;
 pub mod points;
 mod rigid;
+pub mod spot;
 pub mod stage_timings;
 pub mod sums;
 pub mod targets;

@@ -19,7 +19,7 @@ METHODS = ("midpoint", "closed-form", "least-squares")
 #: Left, top, width and height, px.
 Rectangle = Sequence[int]
 
-#: Point of the target whose displacement is stated: x, y, z in mm, or "centroid".
+#: Point of the target whose displacement is stated: x, y, z in mm, "centroid", or "spot".
 Pivot = Union[Vector, str, None]
 
 
@@ -86,7 +86,7 @@ def regions_of(
 def pivot_of(pivot_mm: Pivot) -> Union[str, tuple[float, float, float], None]:
     """Return the pivot for the native half."""
     if isinstance(pivot_mm, str):
-        choice(pivot_mm, "pivot_mm", "centroid")
+        choice(pivot_mm, "pivot_mm", "centroid", "spot")
         return pivot_mm
     return None if pivot_mm is None else vector(pivot_mm, "pivot_mm")
 
@@ -101,7 +101,8 @@ class Flow:
     ``rotation`` is "refuse" (a target that turns by more than 0.15 degrees is refused) or
     "estimate" (turns of up to 12 degrees are measured); default is the rig file's ``rotation``, or
     "refuse". ``pivot_mm`` is then the point of the target, x, y, z at the keyframe, whose
-    displacement is stated, or "centroid"; default is the rig file's ``pivot``, or the centroid.
+    displacement is stated, or "centroid", or "spot" for the point that the ray of the rig file's
+    ``[laser]`` meets; default is the rig file's ``pivot``, or the centroid.
     ``method`` is "midpoint" (default), "closed-form" or "least-squares". ``threads`` (1 to 64)
     share the work; results do not depend on it.
 

@@ -13,6 +13,7 @@ _REPLACED = [
     (re.compile(r"--offset (\S+)=X,Y \(mm\)"), r'offsets_mm={"\1": (X, Y)}'),
     (re.compile(r"--offset (\S+):"), r"offsets_mm of \1:"),
     (re.compile(r"--image-size( WIDTHxHEIGHT)?"), "image_size_px"),
+    (re.compile(r"--pivot ([a-z]+)"), r'pivot_mm="\1"'),
     (re.compile(r"--pivot"), "pivot_mm"),
     (re.compile(r"--square"), "square_mm"),
     (re.compile(r"--topic"), "topics"),

@@ -2,9 +2,10 @@
 
 use std::fmt::Write as _;
 
+use super::Laser;
 use super::field::Field;
 use crate::error::InputError;
-use crate::pivot::Pivot;
+use crate::pivot::{Pivot, PivotChoice};
 
 /// Largest coordinate of a pivot, mm.
 const LIMIT_MM: f64 = 1e5;
@@ -13,7 +14,7 @@ const ROTATIONS: [&str; 2] = ["refuse", "estimate"];
 
 /// Reads the pivot if the rotation of the target is estimated, as by default; `None` if it is
 /// refused.
-pub(super) fn read(root: &Field<'_>) -> Result<Option<Pivot>, InputError> {
+pub(super) fn read(root: &Field<'_>, laser: Option<Laser>) -> Result<Option<Pivot>, InputError> {
     let is_estimated = match root.optional("rotation")? {
         None => true,
         Some(field) => match field.text()? {
@@ -26,10 +27,13 @@ pub(super) fn read(root: &Field<'_>) -> Result<Option<Pivot>, InputError> {
         return Ok(is_estimated.then(Pivot::default));
     };
     let pivot = match field.text() {
-        Ok("centroid") => Pivot::Centroid,
-        Ok(_) => return Err(field.unknown("pivot", &["centroid"])),
-        Err(_) => Pivot::Place(field.each(|axis| axis.number(LIMIT_MM))?),
+        Ok("centroid") => PivotChoice::Centroid,
+        Ok("spot") => PivotChoice::Spot,
+        Ok(_) => return Err(field.unknown("pivot", &["centroid", "spot"])),
+        Err(_) => PivotChoice::Place(field.each(|axis| axis.number(LIMIT_MM))?),
     };
+    let pivot = pivot.in_rig(laser);
+    let pivot = pivot.map_err(|no_laser| field.fault(no_laser.to_string()))?;
     if is_estimated {
         return Ok(Some(pivot));
     }
@@ -44,5 +48,6 @@ pub(super) fn write_toml(pivot: Option<Pivot>, text: &mut String) {
         None => writeln!(text, "rotation = \"refuse\""),
         Some(Pivot::Centroid) => Ok(()),
         Some(Pivot::Place(place)) => writeln!(text, "pivot = {place:?}"),
+        Some(Pivot::Spot(_)) => writeln!(text, "pivot = \"spot\""),
     };
 }

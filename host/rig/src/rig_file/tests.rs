@@ -506,6 +506,22 @@ fn pivot_is_read_and_written() {
 }
 
 #[test]
+fn spot_is_read_with_its_laser() {
+    let laser = "[laser]\nfrom_mm = [0, 40, 0]\ndirection = [0, -0.05, 1]\n";
+    let text = format!(
+        "rotation = \"estimate\"\npivot = \"spot\"\n{}{laser}",
+        paper_text()
+    );
+    let read = parse(&text).unwrap();
+    let expected = Laser {
+        from_mm: [0.0, 40.0, 0.0],
+        direction: [0.0, -0.05, 1.0],
+    };
+    assert_eq!(read.pivot, Some(Pivot::Spot(expected)));
+    assert_eq!(parse(&read.to_toml()).unwrap(), read);
+}
+
+#[test]
 fn impossible_pivots_are_refused() {
     let estimated = "image_size_px = [320, 240]\nrotation = \"estimate\"\npivot";
     let first = "image_size_px = [320, 240]";
@@ -524,7 +540,8 @@ fn impossible_pivots_are_refused() {
         assert!(error.reason.contains(reason), "{error}");
     }
     for (pivot, field, reason) in [
-        ("\"spot\"", "pivot", "centroid"),
+        ("\"laser\"", "pivot", "spot"),
+        ("\"spot\"", "pivot", "add `[laser]`"),
         ("[0, 0]", "pivot", "3 elements"),
         ("[0, nan, 0]", "pivot[1]", "finite"),
         ("[0, 0, 1e9]", "pivot[2]", "out of range"),

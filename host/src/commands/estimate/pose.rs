@@ -3,12 +3,13 @@
 use std::io::{self, Write};
 
 use clap::{Args, ValueEnum};
-use trinocular_rig::pivot::Pivot;
+use trinocular_rig::pivot::PivotChoice;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::estimation::{self, Choice, Rule, Turn};
 
 use super::Method;
 use crate::commands::failure::Failure;
+use crate::commands::turning;
 
 /// Smallest angle that is printed, degrees.
 const SHOWN_DEG: f64 = 1e-4;
@@ -25,13 +26,13 @@ pub struct PoseOptions {
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
 
-    /// Point of the target whose displacement is printed: centroid, or its x, y, z mm at the
+    /// Point of the target whose displacement is printed: centroid, spot, or its x, y, z mm at the
     /// reference instant, in the axes and from the origin of the rig file [default: centroid]
     ///
     /// The points of a target that turns move differently. centroid is the mean of all points at
-    /// the reference instant.
-    #[arg(long, value_name = "centroid|X,Y,Z", allow_hyphen_values = true)]
-    pivot: Option<Pivot>,
+    /// the reference instant, spot the point that the ray of the rig file's `[laser]` meets then.
+    #[arg(long, value_name = "centroid|spot|X,Y,Z", allow_hyphen_values = true)]
+    pivot: Option<PivotChoice>,
 }
 
 /// Treatment of a target that turns.
@@ -83,7 +84,7 @@ impl PoseOptions {
         let choice = Choice {
             method: method.map(Method::estimator),
             rotation: self.rotation.map(Into::into),
-            pivot: self.pivot,
+            pivot: turning::pivot(self.pivot, rig)?,
         };
         let rule = choice.rule(rig);
         rule.map_err(|contradiction| Failure::Usage(contradiction.to_string()))

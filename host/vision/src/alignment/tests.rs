@@ -311,6 +311,7 @@ fn other_rigs_get_visible_offsets() {
         stage: None,
         pivot: Some(Pivot::Centroid),
         trigger: None,
+        laser: None,
         targets: Vec::new(),
         capture: Vec::new(),
     };

@@ -105,6 +105,7 @@ impl Calibration {
             stage: None,
             pivot: Some(Pivot::Centroid),
             trigger: None,
+            laser: None,
             targets: Vec::new(),
             capture: Vec::new(),
         })

@@ -64,7 +64,7 @@ impl Choice {
     /// let mut rig = RigFile::paper();
     /// let pivot = Some(Pivot::Place([0.0, 0.0, 850.0]));
     /// let choice = Choice { pivot, ..Choice::default() };
-    /// assert_eq!(choice.rule(&rig)?.pivot_mm, Some([0.0, 0.0, 850.0]));
+    /// assert_eq!(choice.rule(&rig)?.pivot, Pivot::Place([0.0, 0.0, 850.0]));
     ///
     /// rig.pivot = None; // rotation = "refuse"
     /// assert_eq!(choice.rule(&rig), Err(Contradiction::PivotAlone));
@@ -88,10 +88,7 @@ impl Choice {
         let rule = Rule {
             method,
             rotation,
-            pivot_mm: match pivot {
-                Some(Pivot::Place(place)) => Some(place),
-                Some(Pivot::Centroid) | None => None,
-            },
+            pivot: pivot.unwrap_or_default(),
         };
         let is_estimated = match rule.rotation_use() {
             Use::Demanded | Use::Offered => true,
@@ -148,15 +145,15 @@ mod tests {
     fn rig_file_decides_what_is_not_chosen() {
         let rule = Choice::default().rule(&turning(PLACE)).unwrap();
         assert_eq!(rule.rotation, Some(Rotation::Estimate));
-        assert_eq!(rule.pivot_mm, Some([1.0, 2.0, 800.0]));
+        assert_eq!(rule.pivot, PLACE);
         let chosen = Choice {
             pivot: Some(Pivot::Centroid),
             ..Choice::default()
         };
         let rule = chosen.rule(&turning(PLACE)).unwrap();
         assert_eq!(
-            (rule.rotation, rule.pivot_mm),
-            (Some(Rotation::Estimate), None)
+            (rule.rotation, rule.pivot),
+            (Some(Rotation::Estimate), Pivot::Centroid)
         );
         let mut rig = RigFile::paper();
         let rule = Choice::default().rule(&rig).unwrap();
@@ -171,12 +168,12 @@ mod tests {
         let refused = choice(None, Some(Rotation::Refuse));
         let rule = refused.rule(&turning(PLACE)).unwrap();
         assert_eq!(
-            (rule.rotation, rule.pivot_mm),
-            (Some(Rotation::Refuse), None)
+            (rule.rotation, rule.pivot),
+            (Some(Rotation::Refuse), Pivot::Centroid)
         );
         let closed = choice(Some(Method::ClosedForm), None);
         let rule = closed.rule(&turning(PLACE)).unwrap();
-        assert_eq!((rule.rotation, rule.pivot_mm), (None, None));
+        assert_eq!((rule.rotation, rule.pivot), (None, Pivot::Centroid));
     }
 
     #[test]

@@ -226,17 +226,18 @@ impl Flow {
         let Some(pivot) = self.pivot else {
             return self.measure(frame_set);
         };
-        self.check_keyframe()?;
-        let centroid_mm = self.keyframe_centroid_mm().unwrap_or_default();
-        let of_pivot = |seen: PoseMeasurement| seen.of_pivot(pivot.place_mm(centroid_mm));
+        let pivot_mm = self.keyframe_pivot_mm(pivot)?;
         self.measure_with(frame_set, |flow, filtered| match pivot {
             Pivot::Centroid => flow
                 .measure_filtered_offered(filtered)
                 .map(|seen| match seen {
-                    Offered::Pose(seen) => of_pivot(seen),
+                    Offered::Pose(seen) => seen.of_pivot(pivot_mm),
                     Offered::Displacement(seen) => seen,
                 }),
-            Pivot::Place(_) => flow.measure_filtered_pose(filtered).map(of_pivot),
+            Pivot::Place(_) | Pivot::Spot(_) => {
+                let seen = flow.measure_filtered_pose(filtered)?;
+                Ok(seen.of_pivot(pivot_mm))
+            }
         })
     }
 

@@ -1,5 +1,7 @@
 //! Refusals: reasons why a frame set gives no measurement.
 
+use crate::spot::NoSpot;
+
 /// Reason why a frame set gives no keyframe or no measurement. The message states what was found
 /// and what is needed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -139,6 +141,9 @@ pub enum FlowRefusal {
         /// Cells in view.
         all: usize,
     },
+    /// The pivot is the spot of a laser whose ray meets no point of the target.
+    #[error(transparent)]
+    NoSpot(NoSpot),
 }
 
 impl FlowRefusal {
@@ -160,6 +165,7 @@ impl FlowRefusal {
             Self::Turned { .. } => "turned",
             Self::NoAgreement { .. } => "no agreement",
             Self::Minority { .. } => "minority",
+            Self::NoSpot(_) => "no spot",
         }
     }
 }

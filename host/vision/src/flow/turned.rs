@@ -16,6 +16,7 @@ mod accept;
 mod consensus;
 mod corners;
 pub(crate) mod offered;
+mod pivot;
 mod predictor;
 mod search;
 mod turned_back;

@@ -83,6 +83,7 @@ pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
         stage,
         pivot: Some(Pivot::Centroid),
         trigger: None,
+        laser: None,
         targets: Vec::new(),
         capture: Vec::new(),
     }

@@ -5,7 +5,9 @@ use crate::flow::{Flow, FlowSettings};
 use crate::images::{Scene, SceneSettings, Texture, TextureKind};
 use trinocular_core::estimate::midpoint;
 use trinocular_core::sums::centred::CentredSums;
+use trinocular_rig::pivot::Pivot;
 use trinocular_rig::random::Random;
+use trinocular_rig::rig_file::Laser;
 
 const TARGET_MM: [f64; 3] = [4.0, -3.0, 10.0];
 
@@ -140,6 +142,13 @@ fn pose_of_reduced_keyframe_is_measured() {
         flow.keyframe_centroid_mm()
             .is_some_and(|mm| (mm[2] - 850.0).abs() < 20.0)
     );
+    let laser = Laser {
+        from_mm: [0.0, 40.0, 0.0],
+        direction: [0.0, -0.05, 1.0],
+    };
+    let spot = flow.keyframe_pivot_mm(Pivot::Spot(laser)).expect("a spot");
+    assert!((spot[2] - 850.0).abs() < 5.0, "{spot:?}");
+    assert!((spot[1] - 40.0 + 0.05 * spot[2]).abs() < 1e-6, "{spot:?}");
     let measured = flow
         .measure_pose(&scene.render([4.0, 0.0, 0.0], 0, 2))
         .unwrap();
