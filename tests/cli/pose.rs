@@ -412,16 +412,18 @@ fn track_follows_pivot_of_turning_target() {
     let lines = "rotation = \"estimate\"\npivot = [0, 0, 850]\n";
     desk.write("rig.toml", lines.to_owned() + &plain);
     assert_eq!(track(&desk, &[])[1], rows[1]);
+    let words = ["track", "--images", "views", "--rig", "rig.toml", "--json"];
+    let refused = |options: &[&str]| {
+        let outcome = run(desk.folder.path(), &[&words[..], options].concat());
+        outcome.json()[1]["refused"].is_string()
+    };
     desk.write("rig.toml", "rotation = \"refuse\"\n".to_owned() + &plain);
-    assert!(track(&desk, &[])[1]["refused"].is_string());
+    assert!(refused(&[]));
     // Without any choice the rotation is estimated about the centroid, unless the method knows none.
     desk.write("rig.toml", plain);
     let by_default = track(&desk, &[]);
     assert_close(&by_default[1]["rotation_deg"], turned[1], 0.02, "rotation");
-    let words = ["track", "--images", "views", "--rig", "rig.toml", "--json"];
-    let closed = [&words[..], &["--method", "closed-form"]].concat();
-    let closed = run(desk.folder.path(), &closed).json();
-    assert!(closed[1]["refused"].is_string(), "{}", closed[1]);
+    assert!(refused(&["--method", "closed-form"]));
 }
 
 #[test]

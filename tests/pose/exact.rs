@@ -144,6 +144,9 @@ fn poses_are_composed() {
         let wanted = pose.apply([43.0, -21.0, 865.0]);
         assert!(largest(shifted.apply(place), wanted) < 1e-9);
         let (about, omega) = ([5.0, -8.0, 0.0], [0.1, 0.05, -0.2]);
+        let [pivot, moved] = [PIVOT_MM, scene.displacement_mm];
+        let exact = Estimate::turned(&scene.geometry, scene.rotation_rad, pivot, moved).unwrap();
+        assert!(largest(exact.apply(place), pose.apply(place)) < 1e-9);
         let then = Estimate::exact(omega, about, [0.0; 3]);
         let both = pose.followed_by(omega, about);
         assert!(largest(both.apply(place), then.apply(pose.apply(place))) < 1e-9);

@@ -1,5 +1,6 @@
 //! Messages of a recording, and their CDR encoding.
 
+mod last_pose;
 mod transforms;
 
 pub use transforms::transforms;

@@ -4,6 +4,7 @@
 use super::visual_servo::{Measured, ServoStep};
 use trinocular_core::frame::message::Status;
 use trinocular_core::time::Instant;
+use trinocular_vision::flow::LastPose;
 use trinocular_vision::images::FrameSet;
 
 /// One event of a running loop.
@@ -13,6 +14,8 @@ pub enum ServoEvent<'a> {
     Keyframe {
         /// Images of all cameras.
         images: &'a FrameSet,
+        /// Pose that was measured last against it, if the keyframe is not new.
+        last_pose: Option<LastPose>,
     },
     /// One turn of the loop ended.
     Step {

@@ -10,6 +10,7 @@ use trinocular_core::rig::Rig;
 use trinocular_live::Hub;
 use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
+use trinocular_vision::flow::LastPose;
 use trinocular_vision::images::FrameSet;
 
 /// Maker of recordings.
@@ -69,7 +70,7 @@ impl PageRecording {
     }
 
     /// Begins a recording. While the run follows, the recording begins with the images of the
-    /// keyframe, so that a replay can measure the later ones.
+    /// keyframe and the last pose, so that a replay can measure the later ones.
     ///
     /// # Errors
     /// The reason why it cannot begin, in words.
@@ -77,7 +78,7 @@ impl PageRecording {
         &mut self,
         hub: &Hub,
         station: &mut StationLink,
-        (rig, keyframe): (&Rig, Option<&FrameSet>),
+        (rig, keyframe): (&Rig, Option<(&FrameSet, Option<LastPose>)>),
     ) -> Result<(), String> {
         let Some(recordings) = &mut self.recordings else {
             return Err("this run is recorded as a whole, or not at all".to_owned());
@@ -92,10 +93,10 @@ impl PageRecording {
         let (file, tap) = recordings.begin()?;
         station.set_observer(Some(Arc::clone(&tap) as Arc<dyn StationObserver>));
         tap.reach(station.now().micros());
-        if let Some(images) = keyframe {
+        if let Some((images, last_pose)) = keyframe {
             let taker = Arc::clone(&tap) as Arc<dyn FrameSetTaker>;
             let mut observer = RecordingObserver::new(taker, rig);
-            observer.observe(&ServoEvent::Keyframe { images });
+            observer.observe(&ServoEvent::Keyframe { images, last_pose });
         }
         self.tap = Some(tap);
         hub.set_recording(Some(file));

@@ -83,12 +83,13 @@ pub fn measurement(rig: &Rig, measured: Result<&Measured, &MeasureRefusal>) -> M
 impl ServoObserver for RecordingObserver {
     fn observe(&mut self, event: &ServoEvent<'_>) {
         match event {
-            ServoEvent::Keyframe { images } => {
-                let message = Measurement {
+            ServoEvent::Keyframe { images, last_pose } => {
+                let mut message = Measurement {
                     stamp_us: images.time_us,
                     outcome: Outcome::Keyframe,
                     ..Measurement::default()
                 };
+                message.set_last_pose(*last_pose);
                 self.tap.take(Some(images), message);
             }
             ServoEvent::Step {

@@ -11,6 +11,7 @@ use trinocular_core::safety::Trust;
 use trinocular_core::time::Instant;
 use trinocular_rig::pivot::Pivot;
 use trinocular_vision::flow::CameraRefusal;
+use trinocular_vision::flow::LastPose;
 use trinocular_vision::flow::region::Regions;
 use trinocular_vision::flow::{self, Correspondence, Flow, FlowSettings, Measurement, TargetTurn};
 use trinocular_vision::images::FrameSet;
@@ -193,6 +194,11 @@ impl VisualServo {
         self.flow.set_pivot(pivot);
     }
 
+    /// Returns the last pose of a target that turns, since the keyframe.
+    pub fn last_pose(&self) -> Option<LastPose> {
+        self.flow.last_pose()
+    }
+
     /// Adds an observer, which sees the keyframe and every [`VisualServo::step`] from now on.
     pub fn add_observer(&mut self, observer: Box<dyn ServoObserver>) {
         self.observers.push(observer);
@@ -210,7 +216,10 @@ impl VisualServo {
     pub fn set_keyframe(&mut self, images: &FrameSet) -> Result<(), flow::FlowRefusal> {
         self.flow.set_keyframe(images)?;
         for observer in &mut self.observers {
-            observer.observe(&ServoEvent::Keyframe { images });
+            observer.observe(&ServoEvent::Keyframe {
+                images,
+                last_pose: None,
+            });
         }
         Ok(())
     }

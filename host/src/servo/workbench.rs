@@ -415,7 +415,9 @@ impl<B: Bench> Workbench<B> {
         let station = self.bench.station();
         match on {
             true => {
-                let view = (&self.rig, self.keyframe.as_ref());
+                let last_pose = self.servo.as_ref().and_then(VisualServo::last_pose);
+                let keyframe = self.keyframe.as_ref().map(|images| (images, last_pose));
+                let view = (&self.rig, keyframe);
                 let begun = self.recording.begin(&self.hub, station, view);
                 begun.inspect_err(|reason| self.hub.warn(reason.clone()))?;
             }

@@ -93,6 +93,9 @@ impl Measuring {
             if let Err(refusal) = self.flow.set_keyframe(&set) {
                 replayed.reason = refusal.to_string();
             }
+            // A recording that begins in the middle of a run.
+            self.flow.set_last_pose(recorded.last_pose());
+            replayed.set_last_pose(recorded.last_pose());
         } else {
             match self.sums(&set, &mut replayed) {
                 Err(refusal) => replayed.reason = refusal.to_string(),

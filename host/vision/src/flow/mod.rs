@@ -59,7 +59,6 @@
 use crate::images::FrameSet;
 use crate::matching::geometry::RigGeometry;
 use crate::thread_pool::ThreadPool;
-use trinocular_core::estimate::pose::Estimate;
 use trinocular_core::rig::Rig;
 use trinocular_rig::pivot::Pivot;
 
@@ -78,6 +77,7 @@ pub mod displacement_search;
 pub mod filter;
 pub mod frozen;
 mod keyframe;
+mod last_pose;
 mod linear_motion;
 mod matched_corners;
 mod measure;
@@ -101,6 +101,7 @@ pub use camera_refusal::{CameraRefusal, remarks};
 pub use filter::FilteredFrameSet;
 use frozen::FrozenCameras;
 use keyframe::Keyframe;
+pub use last_pose::LastPose;
 pub use measurement::{Correspondence, Measurement, RejectedPoint, TargetTurn};
 use pyramid_pool::PyramidPool;
 pub use refusal::FlowRefusal;
@@ -124,7 +125,7 @@ pub struct Flow {
     pivot: Option<Pivot>,
     keyframe: Option<Keyframe>,
     /// Last pose that was measured against the keyframe.
-    last_pose: Option<Estimate>,
+    last_pose: Option<LastPose>,
     /// Tracker at half the resolution, which has the keyframe if its images are soft.
     reduced: Option<Box<Flow>>,
     frozen_cameras: FrozenCameras,

@@ -30,7 +30,8 @@ use super::temporal::TemporalMatcher;
 use super::tracks::Tracks;
 use super::variance_inflation::VarianceInflation;
 use super::{
-    Correspondence, FilteredFrameSet, Flow, FlowRefusal, Measurement, RejectedPoint, TargetTurn,
+    Correspondence, FilteredFrameSet, Flow, FlowRefusal, LastPose, Measurement, RejectedPoint,
+    TargetTurn,
 };
 use crate::images::FrameSet;
 use crate::matching::RejectCounts;
@@ -55,10 +56,6 @@ const ROUGH_INLIER_PX: f64 = 0.5;
 const ROUGH_FAR_PX: f64 = 2.0;
 /// The same in a consensus of turned windows.
 const FAR_PX: f64 = 0.5;
-
-/// Least rotation of the last pose for which the search begins there, degrees. The result of a
-/// smaller one depends on the keyframe and the images alone.
-const NEAR_DEG: f64 = 4.0;
 
 /// Displacement and rotation of the target since the keyframe, and its points.
 #[derive(Clone, Debug)]
@@ -130,6 +127,22 @@ impl Flow {
         Some((sum / count).into())
     }
 
+    /// Returns the last pose that was measured against the keyframe.
+    pub fn last_pose(&self) -> Option<LastPose> {
+        match &self.reduced {
+            Some(reduced) => reduced.last_pose(),
+            None => self.last_pose,
+        }
+    }
+
+    /// Lets the next search begin as if this pose had been measured last.
+    pub fn set_last_pose(&mut self, last_pose: Option<LastPose>) {
+        match &mut self.reduced {
+            Some(reduced) => reduced.set_last_pose(last_pose),
+            None => self.last_pose = last_pose,
+        }
+    }
+
     /// Does the same as [`Flow::measure_pose`] with a frame set that is already filtered.
     ///
     /// # Errors
@@ -146,7 +159,7 @@ impl Flow {
         let (mut measurement, refused_cameras) =
             self.track_synchronised(keyframe, now, |active| self.track_pose(active, now))?;
         measurement.refused_cameras = refused_cameras;
-        self.last_pose = Some(measurement.pose);
+        self.last_pose = Some(LastPose::of(&measurement.pose));
         Ok(measurement)
     }
 
@@ -172,7 +185,10 @@ impl Flow {
         };
         let surface = Surface::of(keyframe.matches);
         let track = |rough: RoughPose| self.track_from(keyframe, &matcher, surface, &rough);
-        let near = self.last_pose.filter(is_turned).and_then(|last| {
+        let turned = self
+            .last_pose
+            .and_then(|last| last.if_turned(matcher.geometry));
+        let near = turned.and_then(|last| {
             let rough = self.rough_pose_near(keyframe, &matcher, surface, last);
             Some(track(rough.ok()?))
         });
@@ -319,11 +335,6 @@ impl Flow {
         let camera = Some(camera).filter(UnsynchronisedCamera::is_unsynchronised)?;
         camera.in_rig(keyframe.active)
     }
-}
-
-/// Returns true if a pose turns the image too much for a search from nothing.
-fn is_turned(pose: &Estimate) -> bool {
-    Vector3::from(pose.rotation_deg()).norm() > NEAR_DEG
 }
 
 #[cfg(test)]

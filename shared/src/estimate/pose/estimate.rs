@@ -5,7 +5,7 @@ use super::quarter_turn::{QuarterTurn, Turned};
 use super::{Observation, cayley};
 use crate::sums::centred::Geometry;
 use libm::sqrt;
-use nalgebra::{Matrix3, Matrix3x6, SMatrix, Vector3};
+use nalgebra::{Matrix3, Matrix3x6, Rotation3, SMatrix, UnitQuaternion, Vector3};
 
 /// Motion of a rigid target between two instants, with its covariance.
 ///
@@ -83,6 +83,32 @@ impl Estimate {
             covariance: [[0.0; 6]; 6],
             sigma: 0.0,
         }
+    }
+
+    /// Creates the exact pose of a rotation vector, rad, that displaces the point at `pivot_mm` by
+    /// `displacement_mm`. `geometry` is that of the cameras. `None` for half a turn about an axis
+    /// across z.
+    pub fn turned(
+        geometry: &Geometry,
+        rotation_rad: [f64; 3],
+        pivot_mm: [f64; 3],
+        displacement_mm: [f64; 3],
+    ) -> Option<Self> {
+        let rotation = Rotation3::new(Vector3::from(rotation_rad));
+        let first = QuarterTurn::nearest_to(&rotation, geometry.centre_mm());
+        let rest = Rotation3::from_matrix_unchecked(rotation * first.matrix().transpose());
+        let rest = UnitQuaternion::from_rotation_matrix(&rest);
+        let omega = rest.imag() / rest.w;
+        if !omega.iter().all(|value| value.is_finite()) {
+            return None;
+        }
+        let turned_mm = first.place(pivot_mm);
+        let moved = [0, 1, 2].map(|i| pivot_mm[i] + displacement_mm[i] - turned_mm[i]);
+        Some(Self {
+            first,
+            centroid_mm: pivot_mm,
+            ..Self::exact(omega.into(), turned_mm, moved)
+        })
     }
 
     /// Returns the pose of a displacement that is followed by this pose; its covariance is this

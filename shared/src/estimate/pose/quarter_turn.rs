@@ -10,7 +10,7 @@
 
 use super::{Observation, cayley};
 use libm::{atan2, sqrt};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Least tangent of the angle in the image from which points are turned first: 60°. Smaller
 /// rotations are estimated as they are.
@@ -45,18 +45,20 @@ impl QuarterTurn {
             along += a[0] * b[0] + a[1] * b[1];
             across += a[0] * b[1] - a[1] * b[0];
         }
-        let turns = if across.abs() < LEAST_TANGENT * along {
-            0
-        } else if across.abs() < -along {
-            2
-        } else if across > 0.0 {
-            1
-        } else if across < 0.0 {
-            3
-        } else {
-            0
-        };
-        Self { turns, centre_mm }
+        Self {
+            turns: turns(along, across),
+            centre_mm,
+        }
+    }
+
+    /// Returns the same for the points of a rotation.
+    pub(super) fn nearest_to(rotation: &Rotation3<f64>, centre_mm: [f64; 2]) -> Self {
+        let along = rotation[(0, 0)] + rotation[(1, 1)];
+        let across = rotation[(1, 0)] - rotation[(0, 1)];
+        Self {
+            turns: turns(along, across),
+            centre_mm,
+        }
     }
 
     /// Returns true for no turn.
@@ -136,6 +138,22 @@ impl QuarterTurn {
             return Vector3::zeros();
         }
         2.0 * atan2(length, real) / length * vector
+    }
+}
+
+/// Returns the number of quarter turns nearest to the angle with the cosine `along` and the sine
+/// `across`, both times any number.
+fn turns(along: f64, across: f64) -> u8 {
+    if across.abs() < LEAST_TANGENT * along {
+        0
+    } else if across.abs() < -along {
+        2
+    } else if across > 0.0 {
+        1
+    } else if across < 0.0 {
+        3
+    } else {
+        0
     }
 }
 

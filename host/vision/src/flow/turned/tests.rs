@@ -183,6 +183,15 @@ fn turned_target_is_found_again_after_an_occlusion() {
         flow.measure_pose(&turned(&scene, 8.0 * f64::from(step), 2))
             .unwrap();
     }
+    // One that takes over in between measures the same, bit for bit.
+    let mut later = flow_of(&rig);
+    later.set_keyframe(&turned(&scene, 0.0, 1)).unwrap();
+    later.set_last_pose(flow.last_pose());
+    let both = [&mut flow.clone(), &mut later].map(|flow| {
+        let seen = flow.measure_pose(&turned(&scene, 50.0, 7)).unwrap();
+        (seen.pose, seen.correspondences)
+    });
+    assert_eq!(both[0], both[1]);
     assert!(flow.measure_pose(&turned(&other, 0.0, 3)).is_err());
     let seen = flow.measure_pose(&turned(&scene, 51.0, 4)).unwrap();
     let [.., z] = seen.pose.rotation_deg();

@@ -1,0 +1,40 @@
+//! The last pose of a target that turns, from which the next search begins.
+
+use crate::matching::geometry::RigGeometry;
+use trinocular_core::estimate::pose::Estimate;
+
+/// Least rotation of the last pose for which the search begins there, degrees. The result of a
+/// smaller one depends on the keyframe and the images alone.
+const NEAR_DEG: f64 = 4.0;
+
+/// Displacement and rotation of the target since the keyframe, from which the next search begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LastPose {
+    /// Rotation vector about the cameras' axes, degrees.
+    pub rotation_deg: [f64; 3],
+    /// A point of the target at the keyframe, mm.
+    pub pivot_mm: [f64; 3],
+    /// Displacement of this point, mm.
+    pub displacement_mm: [f64; 3],
+}
+
+impl LastPose {
+    pub(super) fn of(pose: &Estimate) -> Self {
+        let pivot_mm = pose.centroid_mm;
+        Self {
+            rotation_deg: pose.rotation_deg(),
+            pivot_mm,
+            displacement_mm: pose.displacement_of(pivot_mm).displacement_mm,
+        }
+    }
+
+    /// Returns the pose if it turns the image too much for a search from nothing.
+    pub(super) fn if_turned(&self, geometry: &RigGeometry) -> Option<Estimate> {
+        let squares = self.rotation_deg.iter().map(|degrees| degrees * degrees);
+        if squares.sum::<f64>() < NEAR_DEG * NEAR_DEG {
+            return None;
+        }
+        let radians = self.rotation_deg.map(f64::to_radians);
+        Estimate::turned(&geometry.arms, radians, self.pivot_mm, self.displacement_mm)
+    }
+}
