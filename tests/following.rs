@@ -267,6 +267,23 @@ fn fast_figure_needs_a_wider_unseen_bound() {
     assert_eq!(wide.to_bits(), none.to_bits());
 }
 
+/// Breathing: up and down in a third of the period, and rest.
+#[test]
+fn motion_that_is_no_sine_is_followed() {
+    for seed in SEEDS {
+        let run = Chase::new(seed).follow(
+            |t| {
+                let mm = 6.0 * (0.3 * TAU * t).sin().powi(4);
+                [mm, mm, 0.0]
+            },
+            14.0,
+        );
+        let rms = run.rms(1.0);
+        println!("breathing: rms {rms:.4?} mm");
+        assert!(each([0.1; 3], rms), "{rms:?}");
+    }
+}
+
 /// Returns a Lissajous figure with these frequencies, relative to each other, that starts with
 /// `peak_mm_s`.
 fn figure(
@@ -295,24 +312,33 @@ fn turning_points_are_followed() {
     }
 }
 
+/// At turning points the filter errs by 0.3 mm, so every oscillator must take the lead in time and
+/// keep it. With sigmas of 0.002 and 0.012 mm (z), and with the usual ones.
 #[test]
 fn figure_is_followed_at_30_late_frames_per_s() {
-    for seed in SEEDS {
-        let mut chase = Chase::new(seed);
-        chase.frames_per_s = 30.0;
-        chase.latency_us = 40_000;
-        let run = chase.follow(lissajous, 14.0);
-        let rms = run.rms(1.0);
-        println!("30 frames per second: rms {rms:.4?} mm");
-        assert!(each([0.03, 0.06, 0.06], rms), "{rms:?}");
+    for noise in [0.4, 1.0] {
+        let off = (1..=80).map(|seed| {
+            let mut chase = Chase::new(seed);
+            chase.noise = noise;
+            chase.frames_per_s = 30.0;
+            chase.latency_us = 40_000;
+            chase.follow(lissajous, 14.8).rms(1.0)
+        });
+        let off: Vec<_> = off.filter(|rms| !each([0.03, 0.06, 0.06], *rms)).collect();
+        println!(
+            "30 frames per second, noise {noise}: {} of 80 off",
+            off.len()
+        );
+        assert!(off.len() <= 1, "{off:.4?}");
     }
 }
 
-/// From ten periods on, along x and y.
+/// From ten periods on, along x and y. In each of the runs some measurements are odd: the oscillators
+/// keep the lead.
 #[test]
 fn vibration_is_learned_within_ten_periods() {
     for (per_s, mm) in [(5.0, 1.0), (4.0, 1.0), (3.0, 1.0)] {
-        for seed in SEEDS {
+        for seed in 1..=60 {
             let run = Chase::new(seed).follow(
                 move |t| {
                     [

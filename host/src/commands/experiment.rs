@@ -119,6 +119,8 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
     let origin = Origin {
         rig: RigFile {
             stage: Some(stage.clone()),
+            // The experiment is the paper's: its target does not turn.
+            pivot: None,
             ..RigFile::paper()
         },
         rig_text: None,

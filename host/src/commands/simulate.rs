@@ -203,6 +203,8 @@ fn origin(scenario: &Scenario) -> Origin {
     Origin {
         rig: RigFile {
             stage: Some(scenario.stage.clone()),
+            // The targets of scenarios do not turn.
+            pivot: None,
             ..RigFile::paper()
         },
         rig_text: None,

@@ -40,8 +40,9 @@ const LEAST_NOISE: f32 = 1e-12;
 /// Largest relative change of the process noise per frame.
 const RATE: f32 = 0.25;
 
-/// Innovation in sigmas above which the target manoeuvres, squared.
-const MANOEUVRE: f32 = 9.0;
+/// Innovation in sigmas above which the target manoeuvres, squared. At the filter's three sigmas,
+/// noise alone would cost an axis the knowledge of its swing every six seconds.
+const MANOEUVRE: f32 = 16.0;
 
 /// Largest variance of the position, steps².
 const MOST_VARIANCE: f32 = 1e9;
@@ -130,8 +131,8 @@ impl Oscillator {
     /// Returns the variance of the position `t` ms ahead, steps², as if the acceleration stayed.
     pub fn variance(&self, t: f32) -> f32 {
         let p = &self.covariance;
-        let noise = 0.05 * self.process_noise * t * t * t;
-        // The variance of x + t (v + t/2 a).
+        // The variance of x + t (v + t/2 a), and q t⁵/20 of the noise until then.
+        let noise = 0.1 * self.process_noise * t;
         let half = 0.5 * t;
         let speed = p.vv + t * (p.va + half * (0.5 * p.aa + noise));
         p.xx + t * (2.0 * (p.xv + half * p.xa) + t * speed)

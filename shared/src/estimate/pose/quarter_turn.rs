@@ -27,7 +27,8 @@ pub struct QuarterTurn {
 
 impl QuarterTurn {
     /// Returns the multiple of 90° that brings the points of the keyframe nearest to where they are
-    /// now, as `centre_mm`, the mean of the cameras' positions, sees them; 0 up to 60°.
+    /// now, as `centre_mm`, the mean of the cameras' positions, sees them; 0 up to 60°, and for a
+    /// target whose back is seen.
     pub(super) fn nearest(observations: &[Observation], centre_mm: [f64; 2]) -> Self {
         let count = observations.len() as f64;
         let mean = |place: fn(&Observation) -> [f64; 3]| {
@@ -38,13 +39,26 @@ impl QuarterTurn {
             sum.map(|sum| sum / count)
         };
         let (start, end) = (mean(|o| o.start), mean(|o| o.end));
+        // Σ b a', of which a rotation in the image leaves along and across.
         let (mut along, mut across) = (0.0, 0.0);
+        let mut product = [[0.0; 2]; 2];
         for o in observations {
             let a = [0, 1].map(|i| o.start[i] - start[i]);
             let b = [0, 1].map(|i| o.end[i] - end[i]);
             along += a[0] * b[0] + a[1] * b[1];
             across += a[0] * b[1] - a[1] * b[0];
+            for (row, b) in product.iter_mut().zip(b) {
+                row[0] += b * a[0];
+                row[1] += b * a[1];
+            }
         }
+        // A mirrored image: another turn about z brings the back no nearer to the front.
+        let is_front = product[0][0] * product[1][1] > product[0][1] * product[1][0];
+        let [along, across] = if is_front {
+            [along, across]
+        } else {
+            [1.0, 0.0]
+        };
         Self {
             turns: turns(along, across),
             centre_mm,
@@ -53,10 +67,11 @@ impl QuarterTurn {
 
     /// Returns the same for the points of a rotation.
     pub(super) fn nearest_to(rotation: &Rotation3<f64>, centre_mm: [f64; 2]) -> Self {
+        let is_front = rotation[(2, 2)] > 0.0;
         let along = rotation[(0, 0)] + rotation[(1, 1)];
         let across = rotation[(1, 0)] - rotation[(0, 1)];
         Self {
-            turns: turns(along, across),
+            turns: if is_front { turns(along, across) } else { 0 },
             centre_mm,
         }
     }

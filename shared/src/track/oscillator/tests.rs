@@ -119,3 +119,22 @@ fn gate_refuses_what_does_not_fit() {
     assert!(oscillator.admits(position(expected + 1.0), 0.1));
     assert!(!oscillator.admits(position(expected + 20.0), 0.1));
 }
+
+/// At a target at rest, whose stiffness has no effect, the variance is that of a prediction: with
+/// little noise and with much.
+#[test]
+fn variance_ahead_is_that_of_prediction() {
+    for noise in [0.0, 1e-9, 1e-6] {
+        let (mut oscillator, _) = followed(|_| 0.0, 0.1, 60);
+        oscillator.process_noise = noise;
+        for ahead in [5.0, 20.0, 50.0] {
+            let mut later = oscillator;
+            later.predict(ahead);
+            let (got, want) = (oscillator.variance(ahead), later.covariance.xx);
+            assert!(
+                (got / want - 1.0).abs() < 1e-4,
+                "{noise} {ahead}: {got} {want}"
+            );
+        }
+    }
+}

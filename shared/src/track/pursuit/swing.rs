@@ -12,9 +12,10 @@
 //!
 //! which is positive if it was nearer, and next to nothing if the measurement's noise hides who
 //! was. It takes the lead when its mean score is above [`LEAD`] and its own covariance promises a
-//! prediction as good as 1.4 measurements' sigmas. It loses the lead when the mean is negative, the
-//! promise is beyond 2.8 sigmas, or a measurement does not pass its innovation gate. A still target,
-//! a line, a jump and the beginning and end of any motion remain the filter's, and so does coasting.
+//! prediction as good as 1.4 measurements' sigmas, or with a tenth of the mean square of `n`. It
+//! loses the lead when the mean is negative, a measurement does not pass its innovation gate, or the
+//! promise is beyond 2.8 sigmas as well as that tenth. A still target, a line, a jump and the
+//! beginning and end of any motion remain the filter's, and so does coasting.
 //!
 //! # Goal
 //! The planner assumes that a goal keeps its velocity, and gets the next one a tick later. For a
@@ -55,6 +56,10 @@ const LONGEST_MS: f32 = 1_000.0;
 /// variances of a measurement.
 const TRUST: f32 = 2.0;
 const KEEP: f32 = 8.0;
+
+/// Variance of a prediction that suffices for both, as a share of the mean square of the filter's
+/// errors.
+const BETTER: f32 = 0.1;
 
 /// Share of the highest jerk that any stage may swing with at once (`EASY`), and that no swing
 /// exceeds (`HARD`); squared.
@@ -123,6 +128,8 @@ pub(super) struct Swing {
     bet: Bet,
     /// Mean of the contest, -1 to 1.
     score: f32,
+    /// Mean square of the filter's errors in the contest, steps².
+    missed: f32,
     /// Share of the swing that the stage makes, up to 1; 0 while the filter leads.
     gain: f32,
 }
@@ -137,6 +144,7 @@ impl Swing {
             capture,
             bet: Bet::new(filter.position(), filter.velocity(), oscillator.motion()),
             score: 0.0,
+            missed: 0.0,
             gain: 0.0,
         }
     }
@@ -184,7 +192,7 @@ impl Swing {
         self.capture = capture;
         let noise = with_quantisation(variance);
         let promised = self.oscillator.variance(lead);
-        if promised > KEEP * noise {
+        if !self.is_trusted(promised, noise, KEEP) {
             self.gain = 0.0;
         }
         self.bet.age += dt;
@@ -202,14 +210,21 @@ impl Swing {
         let between = plain - swinging;
         let won = between * (plain + swinging) / (between * between + DOUBT * noise);
         self.score += (within(won, -1.0, 1.0) - self.score) * FADE;
+        self.missed += (plain * plain - self.missed) * FADE;
         let leads = self.gain > 0.0;
         if leads && self.score <= 0.0 {
             self.gain = 0.0;
         }
-        if !leads && self.score > LEAD && promised <= TRUST * noise {
+        if !leads && self.score > LEAD && self.is_trusted(promised, noise, TRUST) {
             let jerk = self.oscillator.motion().jerk();
             self.gain = within(EASY * most_jerk(reach) / jerk, LEAST_GAIN, 1.0);
         }
+    }
+
+    /// Returns true if the variance `promised` of a prediction is at most `share` variances of a
+    /// measurement (`noise`), or far below the filter's errors.
+    fn is_trusted(&self, promised: f32, noise: f32, share: f32) -> bool {
+        promised <= share * noise || promised <= BETTER * self.missed
     }
 
     /// Computes the goal of the axis at `at`.
