@@ -95,7 +95,7 @@ impl Estimate {
         displacement_mm: [f64; 3],
     ) -> Option<Self> {
         let rotation = Rotation3::new(Vector3::from(rotation_rad));
-        let first = QuarterTurn::nearest_to(&rotation, geometry.centre_mm());
+        let first = QuarterTurn::nearest_to(rotation.matrix(), geometry.centre_mm());
         let rest = Rotation3::from_matrix_unchecked(rotation * first.matrix().transpose());
         let rest = UnitQuaternion::from_rotation_matrix(&rest);
         let omega = rest.imag() / rest.w;

@@ -10,11 +10,7 @@
 
 use super::{Observation, cayley};
 use libm::{atan2, sqrt};
-use nalgebra::{Matrix3, Rotation3, Vector3};
-
-/// Least tangent of the angle in the image from which points are turned first: 60°. Smaller
-/// rotations are estimated as they are.
-const LEAST_TANGENT: f64 = 1.732;
+use nalgebra::{Matrix3, Vector3};
 
 /// Rotation about z by a multiple of 90°, about the axis of the mean camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -27,46 +23,34 @@ pub struct QuarterTurn {
 
 impl QuarterTurn {
     /// Returns the multiple of 90° that brings the points of the keyframe nearest to where they are
-    /// now, as `centre_mm`, the mean of the cameras' positions, sees them; 0 up to 60°, and for a
-    /// target whose back is seen.
+    /// now, about `centre_mm`, the mean of the cameras' positions; 0 up to 90°, and for a target
+    /// whose back is seen.
+    ///
+    /// The rotation is found roughly for this, by the singular values of the positions' covariance
+    /// (Kabsch 1976).
     pub(super) fn nearest(observations: &[Observation], centre_mm: [f64; 2]) -> Self {
         let count = observations.len() as f64;
-        let mean = |place: fn(&Observation) -> [f64; 3]| {
-            let sum = observations
-                .iter()
-                .map(place)
-                .fold([0.0; 2], |sum, at| [sum[0] + at[0], sum[1] + at[1]]);
-            sum.map(|sum| sum / count)
+        let mean = |place: fn(&Observation) -> Vector3<f64>| {
+            observations.iter().map(place).sum::<Vector3<f64>>() / count
         };
-        let (start, end) = (mean(|o| o.start), mean(|o| o.end));
-        // Σ b a', of which a rotation in the image leaves along and across.
-        let (mut along, mut across) = (0.0, 0.0);
-        let mut product = [[0.0; 2]; 2];
-        for o in observations {
-            let a = [0, 1].map(|i| o.start[i] - start[i]);
-            let b = [0, 1].map(|i| o.end[i] - end[i]);
-            along += a[0] * b[0] + a[1] * b[1];
-            across += a[0] * b[1] - a[1] * b[0];
-            for (row, b) in product.iter_mut().zip(b) {
-                row[0] += b * a[0];
-                row[1] += b * a[1];
-            }
+        let [start, end] = [mean(Observation::start_mm), mean(Observation::end_mm)];
+        let products = observations
+            .iter()
+            .map(|o| (o.end_mm() - end) * (o.start_mm() - start).transpose());
+        let covariance: Matrix3<f64> = products.sum();
+        if !covariance.iter().all(|value| value.is_finite()) {
+            return Self::default();
         }
-        // A mirrored image: another turn about z brings the back no nearer to the front.
-        let is_front = product[0][0] * product[1][1] > product[0][1] * product[1][0];
-        let [along, across] = if is_front {
-            [along, across]
-        } else {
-            [1.0, 0.0]
+        let singular = covariance.svd(true, true);
+        let (Some(u), Some(v)) = (singular.u, singular.v_t) else {
+            return Self::default();
         };
-        Self {
-            turns: turns(along, across),
-            centre_mm,
-        }
+        let mirror = Vector3::new(1.0, 1.0, (u * v).determinant());
+        Self::nearest_to(&(u * Matrix3::from_diagonal(&mirror) * v), centre_mm)
     }
 
     /// Returns the same for the points of a rotation.
-    pub(super) fn nearest_to(rotation: &Rotation3<f64>, centre_mm: [f64; 2]) -> Self {
+    pub(super) fn nearest_to(rotation: &Matrix3<f64>, centre_mm: [f64; 2]) -> Self {
         let is_front = rotation[(2, 2)] > 0.0;
         let along = rotation[(0, 0)] + rotation[(1, 1)];
         let across = rotation[(1, 0)] - rotation[(0, 1)];
@@ -159,16 +143,15 @@ impl QuarterTurn {
 /// Returns the number of quarter turns nearest to the angle with the cosine `along` and the sine
 /// `across`, both times any number.
 fn turns(along: f64, across: f64) -> u8 {
-    if across.abs() < LEAST_TANGENT * along {
+    // Smaller rotations are estimated as they are.
+    if along >= 0.0 {
         0
     } else if across.abs() < -along {
         2
     } else if across > 0.0 {
         1
-    } else if across < 0.0 {
-        3
     } else {
-        0
+        3
     }
 }
 
