@@ -328,11 +328,12 @@ impl Rule {
             // Without a rotation, the displacement is that of the centroid.
             (Use::Offered, Pivot::Centroid) => flow.measure_filtered_offered(filtered),
             (Use::Demanded | Use::Offered, _) => {
-                flow.measure_filtered_pose(filtered).map(Offered::Pose)
+                let seen = flow.measure_filtered_pose(filtered)?;
+                Ok(Offered::Pose(Box::new(seen)))
             }
             (Use::Refused | Use::Warned, _) => {
-                let seen = flow.measure_filtered(filtered, &mut ());
-                seen.map(Offered::Displacement)
+                let seen = flow.measure_filtered(filtered, &mut ())?;
+                Ok(Offered::Displacement(Box::new(seen)))
             }
         }
     }
@@ -347,9 +348,9 @@ impl Rule {
         match seen.map_err(refused)? {
             Offered::Pose(seen) => {
                 let pivot_mm = flow.keyframe_pivot_mm(self.pivot).map_err(refused)?;
-                Ok(of_pose(seen, pivot_mm))
+                Ok(of_pose(*seen, pivot_mm))
             }
-            Offered::Displacement(seen) => Ok(self.of_displacement(rig, seen)),
+            Offered::Displacement(seen) => Ok(self.of_displacement(rig, *seen)),
         }
     }
 

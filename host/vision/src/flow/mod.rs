@@ -233,7 +233,7 @@ impl Flow {
                 .measure_filtered_offered(filtered)
                 .map(|seen| match seen {
                     Offered::Pose(seen) => seen.of_pivot(pivot_mm),
-                    Offered::Displacement(seen) => seen,
+                    Offered::Displacement(seen) => *seen,
                 }),
             Pivot::Place(_) | Pivot::Spot(_) => {
                 let seen = flow.measure_filtered_pose(filtered)?;

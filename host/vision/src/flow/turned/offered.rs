@@ -26,10 +26,10 @@ pub(crate) fn is_determined(pose: &Estimate) -> bool {
 #[derive(Clone, Debug)]
 pub enum Offered {
     /// The points determine the rotation.
-    Pose(PoseMeasurement),
+    Pose(Box<PoseMeasurement>),
     /// The points determine the displacement alone, and the target does not turn by more than 0.15
     /// degrees.
-    Displacement(Measurement),
+    Displacement(Box<Measurement>),
 }
 
 impl Flow {
@@ -43,17 +43,19 @@ impl Flow {
         now: &FilteredFrameSet,
     ) -> Result<Offered, FlowRefusal> {
         let refusal = match self.measure_filtered_pose(now) {
-            Ok(seen) if is_determined(&seen.pose) => return Ok(Offered::Pose(seen)),
+            Ok(seen) if is_determined(&seen.pose) => return Ok(Offered::Pose(Box::new(seen))),
             Ok(seen) => {
-                let alone = self.measure_filtered(now, &mut ());
-                return Ok(alone.map_or(Offered::Pose(seen), Offered::Displacement));
+                return Ok(match self.measure_filtered(now, &mut ()) {
+                    Ok(alone) => Offered::Displacement(Box::new(alone)),
+                    Err(_) => Offered::Pose(Box::new(seen)),
+                });
             }
             Err(refusal) => refusal,
         };
         match refusal {
             FlowRefusal::FewTracks { .. } | FlowRefusal::NoAgreement { .. } => {
                 let alone = self.measure_filtered(now, &mut ()).map_err(|_| refusal)?;
-                Ok(Offered::Displacement(alone))
+                Ok(Offered::Displacement(Box::new(alone)))
             }
             refusal => Err(refusal),
         }

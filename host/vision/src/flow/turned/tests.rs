@@ -151,7 +151,7 @@ fn follow(axis: [f64; 3], angles_deg: &[f64]) {
 
 /// Two whole turns, by 9 degrees from one frame set to the next.
 #[test]
-fn target_on_a_rotation_table_is_followed_through_whole_turns() {
+fn rotation_table_is_followed_for_whole_turns() {
     let angles: Vec<f64> = (1..=80).map(|i| 9.0 * f64::from(i)).collect();
     follow([0.0, 0.0, 1.0], &angles);
 }
@@ -171,7 +171,7 @@ fn target_that_tilts_is_followed_to_40_degrees() {
 
 /// A target that is hidden for a while is found again near its last pose.
 #[test]
-fn turned_target_is_found_again_after_an_occlusion() {
+fn turned_target_is_found_after_occlusion() {
     let rig = Rig::paper();
     let scene = Scene::new(&rig, &Texture::natural(3), SceneSettings::default()).unwrap();
     let other = Scene::new(&rig, &Texture::natural(5), SceneSettings::default()).unwrap();
