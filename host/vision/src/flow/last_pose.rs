@@ -3,9 +3,10 @@
 use crate::matching::geometry::RigGeometry;
 use trinocular_core::estimate::pose::Estimate;
 
-/// Least rotation of the last pose for which the search begins there, degrees. The result of a
-/// smaller one depends on the keyframe and the images alone.
+/// Least rotation of the last pose for which the search begins there, degrees.
 const NEAR_DEG: f64 = 4.0;
+/// Largest rotation of the last pose after which the target may still not turn, degrees.
+const STILL_DEG: f64 = 0.3;
 
 /// Displacement and rotation of the target since the keyframe, from which the next search begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,10 +29,18 @@ impl LastPose {
         }
     }
 
+    /// Returns true if the target may not have turned since the keyframe.
+    pub(super) fn is_still(&self) -> bool {
+        self.squared_deg() < STILL_DEG * STILL_DEG
+    }
+
+    fn squared_deg(&self) -> f64 {
+        self.rotation_deg.iter().map(|deg| deg * deg).sum()
+    }
+
     /// Returns the pose if it turns the image too much for a search from nothing.
     pub(super) fn if_turned(&self, geometry: &RigGeometry) -> Option<Estimate> {
-        let squares = self.rotation_deg.iter().map(|degrees| degrees * degrees);
-        if squares.sum::<f64>() < NEAR_DEG * NEAR_DEG {
+        if self.squared_deg() < NEAR_DEG * NEAR_DEG {
             return None;
         }
         let radians = self.rotation_deg.map(f64::to_radians);

@@ -10,15 +10,19 @@
 //! search -> tracks -> consensus -> (turned windows -> tracks -> consensus) twice -> pose
 //! ```
 //!
+//! A target that does not turn is measured as by its displacement alone (`still`).
+//!
 //! The covariance of the pose is inflated for windows that overlap, as that of a displacement.
 
 mod accept;
 mod consensus;
 mod corners;
+mod errors;
 pub(crate) mod offered;
 mod pivot;
 mod predictor;
 mod search;
+mod still;
 mod turned_back;
 
 use super::accept::Tracking;
@@ -156,6 +160,12 @@ impl Flow {
             return measured.map(PoseMeasurement::enlarged);
         }
         let keyframe = self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
+        if self.last_pose.is_none_or(|last| last.is_still())
+            && let Some(still) = self.still_pose(now)
+        {
+            self.last_pose = Some(LastPose::of(&still.pose));
+            return Ok(still);
+        }
         let (mut measurement, refused_cameras) =
             self.track_synchronised(keyframe, now, |active| self.track_pose(active, now))?;
         measurement.refused_cameras = refused_cameras;
@@ -330,8 +340,8 @@ impl Flow {
             return None;
         }
         let inliers = found.inliers_of(tracks.points);
-        let factor = accept::inflation(geometry, &inliers, &found.model).factor;
-        let camera = accept::unsynchronised(geometry, &inliers, &found.model, factor)?;
+        let factor = errors::inflation(geometry, &inliers, &found.model).factor;
+        let camera = errors::unsynchronised(geometry, &inliers, &found.model, factor)?;
         let camera = Some(camera).filter(UnsynchronisedCamera::is_unsynchronised)?;
         camera.in_rig(keyframe.active)
     }
