@@ -5,7 +5,7 @@ mod parquet;
 
 pub use csv::csv;
 
-use crate::message::{Measurement, Outcome};
+use crate::message::{Measurement, Outcome, Turn};
 use crate::read::Source;
 use crate::read::survey::Channels;
 use crate::topic::Topic;
@@ -15,7 +15,7 @@ use trinocular_rig::error::InputError;
 /// Columns of the table and their contents.
 ///
 /// A cell that a frame set does not have is empty.
-const COLUMNS: [(&str, Cells); 17] = [
+const COLUMNS: [(&str, Cells); 26] = [
     ("frame", Cells::Whole(|row| i64::from(row.frame))),
     ("capture_us", Cells::Whole(|row| signed(row.capture_us))),
     ("stamp_us", Cells::Whole(|row| signed(row.stamp_us))),
@@ -42,6 +42,42 @@ const COLUMNS: [(&str, Cells); 17] = [
     ("stage_z_mm", Cells::Number(|row| Some(row.stage_mm[2]))),
     ("latency_us", Cells::Whole(|row| i64::from(row.latency_us))),
     ("reason", Cells::Quoted(|row| &row.reason)),
+    (
+        "rotation_x_deg",
+        Cells::Number(|row| row.turn.map(|turn| turn.rotation_deg[0])),
+    ),
+    (
+        "rotation_y_deg",
+        Cells::Number(|row| row.turn.map(|turn| turn.rotation_deg[1])),
+    ),
+    (
+        "rotation_z_deg",
+        Cells::Number(|row| row.turn.map(|turn| turn.rotation_deg[2])),
+    ),
+    (
+        "rotation_sigma_x_deg",
+        Cells::Number(|row| row.turn.map(|turn| turn.rotation_sigma_deg[0])),
+    ),
+    (
+        "rotation_sigma_y_deg",
+        Cells::Number(|row| row.turn.map(|turn| turn.rotation_sigma_deg[1])),
+    ),
+    (
+        "rotation_sigma_z_deg",
+        Cells::Number(|row| row.turn.map(|turn| turn.rotation_sigma_deg[2])),
+    ),
+    (
+        "pivot_x_mm",
+        Cells::Number(|row| row.turn.map(|turn| turn.pivot_mm[0])),
+    ),
+    (
+        "pivot_y_mm",
+        Cells::Number(|row| row.turn.map(|turn| turn.pivot_mm[1])),
+    ),
+    (
+        "pivot_z_mm",
+        Cells::Number(|row| row.turn.map(|turn| turn.pivot_mm[2])),
+    ),
 ];
 
 /// Contents of a column.
@@ -108,6 +144,9 @@ pub struct Row {
     pub latency_us: u32,
     /// Reason of a refusal.
     pub reason: String,
+    /// Rotation of the target since the keyframe, and the pivot whose displacement is stated;
+    /// `None` if no rotation was estimated.
+    pub turn: Option<Turn>,
 }
 
 impl Row {
@@ -130,6 +169,7 @@ impl Row {
             stage_mm: measurement.stage_mm,
             latency_us: measurement.latency_us,
             reason: measurement.reason.clone(),
+            turn: measurement.turn.filter(|_| is_measured),
         }
     }
 }

@@ -149,7 +149,7 @@ pub struct TrackOptions {
     /// (in the station's position); stage_mm, frame and drops (of live cameras, so far), or with
     /// --sim target_mm and camera_mm. `warnings`, a list of sentences, is there only if a camera was
     /// left out or an image is badly exposed; `refused` is the reason why a frame set was not used.
-    /// With --rotation estimate also rotation_deg (about the cameras' x, y, z), rotation_sigma_deg and
+    /// If a rotation was estimated also rotation_deg (about the cameras' x, y, z), rotation_sigma_deg and
     /// pivot_mm; displacement_mm is then the pivot's. With two or more `[[target]]` tables in the
     /// rig file, `targets` lists all of them; the row itself is of the one that the stage follows.
     #[arg(long)]

@@ -243,7 +243,11 @@ impl Rule {
             let pivot_mm = pivot_mm.map_err(|missed| missed.to_string())?;
             Ok(solution(pose, pivot_mm, count))
         };
-        let used = self.rotation_use();
+        let used = match self.rotation_use() {
+            // The displacement of another point is known with the rotation only.
+            Use::Offered if self.pivot != Pivot::Centroid => Use::Demanded,
+            used => used,
+        };
         match (used, seen) {
             (Use::Demanded, Ok((pose, count))) => turned(&pose, count),
             (Use::Demanded, Err(refusal)) => {

@@ -27,7 +27,8 @@ pub enum Contradiction {
     NoRotation(Method),
     /// A pivot is given, but no rotation is estimated.
     #[error(
-        "--pivot: without a rotation all points of the target move alike; give --rotation estimate"
+        "--pivot: without a rotation all points of the target move alike; give --rotation \
+         estimate, or leave out what refuses it"
     )]
     PivotAlone,
 }

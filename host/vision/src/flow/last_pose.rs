@@ -38,11 +38,13 @@ impl LastPose {
         self.rotation_deg.iter().map(|deg| deg * deg).sum()
     }
 
-    /// Returns the pose if it turns the image too much for a search from nothing.
-    pub(super) fn if_turned(&self, geometry: &RigGeometry) -> Option<Estimate> {
-        if self.squared_deg() < NEAR_DEG * NEAR_DEG {
-            return None;
-        }
+    /// Returns true if the search begins at this pose.
+    pub(super) fn is_turned(&self) -> bool {
+        self.squared_deg() >= NEAR_DEG * NEAR_DEG
+    }
+
+    /// Returns the pose; `None` for half a turn about an axis across z.
+    pub(super) fn pose(&self, geometry: &RigGeometry) -> Option<Estimate> {
         let radians = self.rotation_deg.map(f64::to_radians);
         Estimate::turned(&geometry.arms, radians, self.pivot_mm, self.displacement_mm)
     }

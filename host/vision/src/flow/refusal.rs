@@ -115,8 +115,8 @@ pub enum FlowRefusal {
     },
     /// The points do not move as one.
     #[error(
-        "no agreement: {agree} of {expected} points in view move alike, half are the least \
-         (median residual {median_px:.2} px)"
+        "no agreement: {agree} of {expected} points in view move alike, half are the least{}",
+        residual(*median_px)
     )]
     NoAgreement {
         /// Number of inliers.
@@ -167,5 +167,13 @@ impl FlowRefusal {
             Self::Minority { .. } => "minority",
             Self::NoSpot(_) => "no spot",
         }
+    }
+}
+
+/// Returns the median residual in words, if the points determine any motion.
+fn residual(median_px: f64) -> String {
+    match median_px.is_finite() {
+        true => format!(" (median residual {median_px:.2} px)"),
+        false => ", and they determine no motion".to_owned(),
     }
 }

@@ -47,10 +47,32 @@ impl Rigidity {
         first: QuarterTurn,
         factor: f64,
     ) -> Self {
+        Self::by(geometry, inliers, factor, |half| {
+            pose::solve_after(first, &geometry.arms, half).ok()
+        })
+    }
+
+    /// Does the same for a target that does not turn, in a tenth of the time.
+    pub(super) fn of_still(
+        geometry: &RigGeometry,
+        inliers: &[Correspondence],
+        factor: f64,
+    ) -> Self {
+        Self::by(geometry, inliers, factor, |half| {
+            pose::plain(&geometry.arms, half).ok()
+        })
+    }
+
+    fn by(
+        geometry: &RigGeometry,
+        inliers: &[Correspondence],
+        factor: f64,
+        solve: impl Fn(&[Observation]) -> Option<Estimate>,
+    ) -> Self {
         let solve = |half: Vec<usize>| {
             let views = half.iter().map(|i| &inliers[*i].views);
             let seen = views.filter_map(|views| Observation::new(&geometry.arms, views));
-            pose::solve_after(first, &geometry.arms, &seen.collect::<Vec<_>>()).ok()
+            solve(&seen.collect::<Vec<_>>())
         };
         let compared = halves(geometry, inliers).into_iter().filter_map(|halves| {
             let [a, b] = halves.map(solve);

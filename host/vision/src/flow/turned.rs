@@ -174,7 +174,7 @@ impl Flow {
     }
 
     /// Tracks the keyframe's points into the frame set `now`: near the last pose if the target has
-    /// turned, otherwise or if that fails from nothing. The result also names a camera that is not
+    /// turned and then from nothing, or the other way round. The result also names a camera that is not
     /// synchronised with the others.
     ///
     /// # Errors
@@ -195,21 +195,23 @@ impl Flow {
         };
         let surface = Surface::of(keyframe.matches);
         let track = |rough: RoughPose| self.track_from(keyframe, &matcher, surface, &rough);
-        let turned = self
-            .last_pose
-            .and_then(|last| last.if_turned(matcher.geometry));
-        let near = turned.and_then(|last| {
+        let track_near = |last| {
             let rough = self.rough_pose_near(keyframe, &matcher, surface, last);
-            Some(track(rough.ok()?))
-        });
-        let near = match near {
+            rough.ok().map(track)
+        };
+        let last = (self.last_pose).and_then(|last| last.pose(matcher.geometry));
+        let is_turned = self.last_pose.is_some_and(|last| last.is_turned());
+        let near = match last.filter(|_| is_turned).and_then(track_near) {
             Some(tracking) if tracking.result.is_ok() => return Ok(tracking),
             refused => refused,
         };
         match self.rough_pose(keyframe, &matcher, surface) {
             Ok(rough) => Ok(track(rough)),
             // The last pose explains the images better than none.
-            Err(lost) => near.ok_or(lost),
+            Err(lost) => {
+                let near = near.or_else(|| last.filter(|_| !is_turned).and_then(track_near));
+                near.ok_or(lost)
+            }
         }
     }
 

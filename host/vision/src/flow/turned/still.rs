@@ -8,22 +8,38 @@ use super::PoseMeasurement;
 use super::errors::Errors;
 use super::offered::is_significant;
 use crate::flow::active_cameras::ActiveCameras;
+use crate::flow::rigidity::Rigidity;
 use crate::flow::variance_inflation::VarianceInflation;
-use crate::flow::{FilteredFrameSet, Flow};
+use crate::flow::{FilteredFrameSet, Flow, RejectedPoint};
+use crate::matching::Reject;
 use trinocular_core::estimate::pose::{self, Observation};
+
+/// Least share of the points in view that must agree.
+const LEAST_SHARE: f64 = 0.8;
 
 impl Flow {
     /// Measures the pose of a target whose rotation is not more than noise. Returns `None` if it
     /// turns, or if its displacement is refused.
     pub(super) fn still_pose(&self, now: &FilteredFrameSet) -> Option<PoseMeasurement> {
         let seen = self.measure_filtered(now, &mut ()).ok()?;
+        // Windows that turn decide where many points disagree.
+        let in_view = |point: &&RejectedPoint| point.reason != Reject::OutOfView;
+        let lost = seen.rejected_points.iter().filter(in_view).count();
         let inliers = seen.correspondences;
+        if (inliers.len() as f64) < LEAST_SHARE * (inliers.len() + lost) as f64 {
+            return None;
+        }
         let active = ActiveCameras::of(&self.geometry.rig, |k| seen.cameras.contains(&k))?;
         let geometry = &active.geometry;
         let observed = (inliers.iter()).filter_map(|p| Observation::new(&geometry.arms, &p.views));
         let pose = pose::solve(&geometry.arms, &observed.collect::<Vec<_>>()).ok()?;
         let errors = Errors::of(geometry, &inliers, &pose);
-        let factor = errors.factor(geometry, &inliers, &pose, 1.0);
+        let rigidity = Rigidity::of_still(geometry, &inliers, errors.inflation.of_windows);
+        if rigidity.is_broken() {
+            return None;
+        }
+        let of_halves = rigidity.variance_inflation();
+        let factor = errors.factor(geometry, &inliers, &pose, of_halves);
         let pose = pose.inflated(factor);
         (!is_significant(&pose)).then_some(PoseMeasurement {
             pose,
