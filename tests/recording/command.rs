@@ -20,6 +20,33 @@ fn same(folder: &Path, file: &str) -> serde_json::Value {
     summary
 }
 
+/// Returns the kinds of the records of an MCAP file: a byte and the length of each, after the magic.
+fn record_kinds(bytes: &[u8]) -> Vec<u8> {
+    let (mut rest, mut kinds) = (&bytes[8..bytes.len() - 8], Vec::new());
+    while let Some((kind, after)) = rest.split_first() {
+        let (length, after) = after.split_first_chunk().expect("a length");
+        kinds.push(*kind);
+        rest = &after[usize::try_from(u64::from_le_bytes(*length)).unwrap()..];
+    }
+    kinds
+}
+
+/// The library of ROS 2 before mcap 1.3.1, and 1.4.0, reads no file in the order of time that has a
+/// chunk without messages (foxglove/mcap issue 1400).
+#[test]
+fn every_chunk_has_messages() {
+    const CHUNK: u8 = 6;
+    const MESSAGE_INDEX: u8 = 7;
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let words = ["track", "--sim", "--seconds", "1", "--record", "run.mcap"];
+    assert_eq!(run(folder, &words).code, Some(0));
+    let kinds = record_kinds(&fs::read(folder.join("run.mcap")).unwrap());
+    let chunks = kinds.windows(2).filter(|pair| pair[0] == CHUNK);
+    assert!(chunks.clone().count() > 1, "{kinds:?}");
+    assert!(chunks.map(|pair| pair[1]).all(|next| next == MESSAGE_INDEX));
+}
+
 #[test]
 fn simulated_run_is_recorded_and_replayed() {
     let folder = tempfile::tempdir().unwrap();

@@ -108,10 +108,11 @@ class Node:
                 found[topic.split("%")[-1]] = topic.replace("%", "/"), kind, digest
         return found
 
-    def send(self, name, payload):
-        """Publishes a command, as rmw_zenoh_cpp does."""
-        package, short = TYPES[name].split("/msg/")
-        digest = STORE.hash_rihs01(TYPES[name])
+    def send(self, name, payload, kind=None):
+        """Publishes a command, of its own type or another, as rmw_zenoh_cpp does."""
+        kind = kind or TYPES[name]
+        package, short = kind.split("/msg/")
+        digest = STORE.hash_rihs01(kind)
         key = f"{DOMAIN}/trinocular/{name}/{package}::msg::dds_::{short}_/{digest}"
         self.router.put(key, payload)
 
@@ -197,23 +198,25 @@ def main(trinocular, folder):
             served.wait_for(words)
         assert (rests(twin) == rest).all()
 
-        # A stop ends a long way early, and is the last word until a reset.
-        node.send("goal", goal((50, 0, 0.5)))
-        while where(twin)[0] < 2:
-            pass
-        node.send("stop", b"anything")
-        stopped = rests(twin)
-        assert 2 < stopped[0] < 49, stopped
-        node.send("goal", goal((0, 0, 0.5)))
-        served.wait_for("goal was not done: .*stopped")
-        assert (rests(twin) == stopped).all()
-        node.send("reset", EMPTY)
-        # Nothing says that the reset was done; until then goals are refused.
-        end = time.monotonic() + PATIENCE_S
-        while np.abs(where(twin)).max() > 0.6 and time.monotonic() < end:
+        # A stop ends a long way early, and is the last word until a reset. Its content and its type
+        # do not matter.
+        for payload, kind in ((b"anything", None), (switch(True), "std_msgs/msg/Bool")):
+            node.send("goal", goal((50, 0, 0.5)))
+            while where(twin)[0] < 2:
+                pass
+            node.send("stop", payload, kind)
+            stopped = rests(twin)
+            assert 2 < stopped[0] < 49, stopped
             node.send("goal", goal((0, 0, 0.5)))
-            time.sleep(0.5)
-        arrives(twin, (0, 0, 0.5))
+            served.wait_for("goal was not done: .*stopped")
+            assert (rests(twin) == stopped).all()
+            node.send("reset", EMPTY)
+            # Nothing says that the reset was done; until then goals are refused.
+            end = time.monotonic() + PATIENCE_S
+            while np.abs(where(twin)).max() > 0.6 and time.monotonic() < end:
+                node.send("goal", goal((0, 0, 0.5)))
+                time.sleep(0.5)
+            arrives(twin, (0, 0, 0.5))
 
         # While it follows, goals are refused; rendered cameras see a target that moves.
         node.send("follow", switch(True))

@@ -125,6 +125,9 @@ impl Opened {
                 data: Cow::Owned(file),
             })?;
         }
+        self.flush()?;
+        // Schemas and channels stand in the chunk of the first messages: ROS 2 until mcap 1.4.0 does
+        // not read a file with a chunk without messages in the order of time.
         for name in &settings.cameras {
             let channel = match settings.images {
                 ImageForm::Raw => self.channel(&topic::image(name), &schema::IMAGE)?,
@@ -139,7 +142,7 @@ impl Opened {
             let channel = self.channel(topic.name(), topic.schema())?;
             self.channels.insert(topic, channel);
         }
-        self.flush()
+        Ok(())
     }
 
     fn channel(&mut self, topic: &str, schema: &Schema) -> Result<Channel, McapError> {

@@ -68,6 +68,11 @@ impl Node {
         format!("{}/{name}/{kind}/{hash}", self.domain)
     }
 
+    /// Returns the key expression of the messages of a topic, whatever their type.
+    pub fn key_of_any_type(&self, topic: &Topic) -> String {
+        format!("{}/{}/**", self.domain, topic.name.trim_matches('/'))
+    }
+
     /// Returns the token of the node.
     pub fn token(&self) -> String {
         self.entity(0, "NN")

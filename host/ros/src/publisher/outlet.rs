@@ -173,10 +173,11 @@ impl Subscription {
         let take = move |sample: zenoh::sample::Sample| {
             sink(topic, topic.read(&sample.payload().to_bytes()));
         };
-        let subscriber = session
-            .declare_subscriber(node.key(&named))
-            .callback(take)
-            .wait();
+        let key = match topic {
+            CommandTopic::Stop => node.key_of_any_type(&named),
+            CommandTopic::Reset | CommandTopic::Follow | CommandTopic::Goal => node.key(&named),
+        };
+        let subscriber = session.declare_subscriber(key).callback(take).wait();
         let token = node.subscription_token(number, &named);
         let token = session.liveliness().declare_token(token).wait();
         Ok(Self {
