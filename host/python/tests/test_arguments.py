@@ -46,7 +46,7 @@ def test_faults_of_files_have_their_place(tmp_path):
         ({"method": "best"}, "midpoint"),
         ({"method": "closed-form", "rotation": "estimate"}, "midpoint"),
         ({"rotation": "refuse", "pivot_mm": (0, 0, 850)}, 'pivot_mm: .* give rotation="estimate"'),
-        ({"pivot_mm": (0, 0, 850)}, 'give rotation="estimate"'),
+        ({"method": "midpoint", "pivot_mm": (0, 0, 850)}, 'give rotation="estimate"'),
         ({"rotation": "refuse", "pivot_mm": "centroid"}, 'give rotation="estimate"'),
         ({"rotation": "estimate", "pivot_mm": "1,2,800"}, "centroid"),
         ({"rotation": "estimate", "pivot_mm": "spot"}, r'pivot_mm="spot": .*\[laser\]'),

@@ -158,7 +158,7 @@ def test_wrong_arguments_are_refused(rig, scene):
         with pytest.raises(ValueError, match="refuse"):
             station.follow([], rotation="maybe")
         with pytest.raises(ValueError, match='give rotation="estimate"'):
-            station.follow([], pivot_mm=(0, 0, 850))
+            station.follow([], rotation="refuse", pivot_mm=(0, 0, 850))
         with pytest.raises(TypeError, match="Scene"):
             station.simulated_frames(rig, target)
         with pytest.raises(TypeError, match="function"):

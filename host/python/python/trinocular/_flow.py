@@ -98,10 +98,12 @@ class Flow:
     keyframe, ``mask`` an array (height, width) that is True (or at least 128) where points may be
     at any time; both for all cameras, or a dict by the camera's name.
 
-    ``rotation`` is "refuse" (a target that turns by more than 0.15 degrees is refused) or
-    "estimate" (turns of up to 12 degrees are measured); default is the rig file's ``rotation``, or
-    "refuse". ``pivot_mm`` is then the point of the target, x, y, z at the keyframe, whose
-    displacement is stated, or "centroid", or "spot" for the point that the ray of the rig file's
+    ``rotation`` is "estimate" (refuse images that determine no rotation) or "refuse" (refuse a
+    target that turns by more than 0.15 degrees). Default is the rig file's ``rotation``, or the
+    rotation where the images determine one and the displacement alone where they do not; with a
+    ``method``, no rotation is estimated. A Flow follows any angle about z and tilts of up to 40
+    degrees. ``pivot_mm`` is the point of the target, x, y, z at the keyframe, whose displacement
+    is stated, or "centroid", or "spot" for the point that the ray of the rig file's
     ``[laser]`` meets; default is the rig file's ``pivot``, or the centroid.
     ``method`` is "midpoint" (default), "closed-form" or "least-squares". ``threads`` (1 to 64)
     share the work; results do not depend on it.
