@@ -169,6 +169,23 @@ fn target_that_tilts_is_followed_to_40_degrees() {
     }
 }
 
+/// A keyframe that is foreshortened is found from nothing up to 4 degrees only.
+#[test]
+fn foreshortened_target_is_followed() {
+    let rig = Rig::paper();
+    let scene = Scene::new(&rig, &Texture::natural(3), SceneSettings::default()).unwrap();
+    let mut flow = flow_of(&rig);
+    let tilted = |degrees, seed| frame_set(&scene, [0.0; 3], [degrees, 0.0, 0.0], seed);
+    flow.set_keyframe(&tilted(30.0, 1)).unwrap();
+    for step in 1..=6u32 {
+        let turned = 2.0 * f64::from(step);
+        let seen = flow.measure_pose(&tilted(30.0 + turned, 1 + u64::from(step)));
+        let seen = seen.unwrap_or_else(|refusal| panic!("{turned}: {refusal}"));
+        let off = error(&seen.pose, [0.0; 3], [turned, 0.0, 0.0]);
+        assert!(off[3..].iter().all(|deg| deg.abs() < 0.05), "{off:?}");
+    }
+}
+
 /// A target that is hidden for a while is found again near its last pose.
 #[test]
 fn turned_target_is_found_after_occlusion() {
