@@ -2,7 +2,7 @@
 //!
 //! Most targets do not turn most of the time. Then the windows of the keyframe are found as they
 //! were, and the points that agree on a displacement determine the rotation, too: none, with its
-//! standard deviation. This takes a tenth of the time of windows that turn.
+//! standard deviation. Windows that turn would take many times as much time.
 
 use super::PoseMeasurement;
 use super::errors::Errors;
