@@ -9,13 +9,15 @@ assert csv.columns == parquet.columns, (csv.columns, parquet.columns)
 kinds = {name: str(kind) for name, kind in zip(parquet.columns, parquet.types)}
 assert kinds["x_mm"] == "DOUBLE" and kinds["frame"] == "BIGINT", kinds
 assert kinds["outcome"] == kinds["reason"] == "VARCHAR", kinds
+assert kinds["rotation_z_deg"] == "DOUBLE", kinds
+REASON = parquet.columns.index("reason")
 rows = parquet.fetchall()
 assert len(rows) > 20, len(rows)
 
 
 def filled(row):
     # An empty quoted cell of a CSV file is NULL to DuckDB.
-    return tuple("" if cell is None and index == len(row) - 1 else cell
+    return tuple("" if cell is None and index == REASON else cell
                  for index, cell in enumerate(row))
 
 
