@@ -132,8 +132,8 @@ fn stalled_motor_is_fault_within_25_mm() {
     }
 }
 
-/// The target reverses every 0.6 s, so the trials do not always agree. The stall begins at 16 moments
-/// of a period and on each axis.
+/// The target reverses every 0.6 s, so the trials do not always agree. The stall begins at 16
+/// moments of a period and on each axis.
 #[test]
 fn most_stalls_on_fast_swing_are_found() {
     let (mut far, mut found) = (Vec::new(), 0);

@@ -419,7 +419,8 @@ fn track_follows_pivot_of_turning_target() {
     };
     desk.write("rig.toml", "rotation = \"refuse\"\n".to_owned() + &plain);
     assert!(refused(&[]));
-    // Without any choice the rotation is estimated about the centroid, unless the method knows none.
+    // Without any choice the rotation is estimated about the centroid, unless the method knows
+    // none.
     desk.write("rig.toml", plain);
     let by_default = track(&desk, &[]);
     assert_close(&by_default[1]["rotation_deg"], turned[1], 0.02, "rotation");

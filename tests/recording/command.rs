@@ -20,7 +20,8 @@ fn same(folder: &Path, file: &str) -> serde_json::Value {
     summary
 }
 
-/// Returns the kinds of the records of an MCAP file: a byte and the length of each, after the magic.
+/// Returns the kinds of the records of an MCAP file: a byte and the length of each, after the
+/// magic.
 fn record_kinds(bytes: &[u8]) -> Vec<u8> {
     let (mut rest, mut kinds) = (&bytes[8..bytes.len() - 8], Vec::new());
     while let Some((kind, after)) = rest.split_first() {

@@ -42,42 +42,24 @@ const COLUMNS: [(&str, Cells); 26] = [
     ("stage_z_mm", Cells::Number(|row| Some(row.stage_mm[2]))),
     ("latency_us", Cells::Whole(|row| i64::from(row.latency_us))),
     ("reason", Cells::Quoted(|row| &row.reason)),
-    (
-        "rotation_x_deg",
-        Cells::Number(|row| row.turn.map(|turn| turn.rotation_deg[0])),
-    ),
-    (
-        "rotation_y_deg",
-        Cells::Number(|row| row.turn.map(|turn| turn.rotation_deg[1])),
-    ),
-    (
-        "rotation_z_deg",
-        Cells::Number(|row| row.turn.map(|turn| turn.rotation_deg[2])),
-    ),
+    ("rotation_x_deg", Cells::Number(|row| row.rotation_deg(0))),
+    ("rotation_y_deg", Cells::Number(|row| row.rotation_deg(1))),
+    ("rotation_z_deg", Cells::Number(|row| row.rotation_deg(2))),
     (
         "rotation_sigma_x_deg",
-        Cells::Number(|row| row.turn.map(|turn| turn.rotation_sigma_deg[0])),
+        Cells::Number(|row| row.rotation_sigma_deg(0)),
     ),
     (
         "rotation_sigma_y_deg",
-        Cells::Number(|row| row.turn.map(|turn| turn.rotation_sigma_deg[1])),
+        Cells::Number(|row| row.rotation_sigma_deg(1)),
     ),
     (
         "rotation_sigma_z_deg",
-        Cells::Number(|row| row.turn.map(|turn| turn.rotation_sigma_deg[2])),
+        Cells::Number(|row| row.rotation_sigma_deg(2)),
     ),
-    (
-        "pivot_x_mm",
-        Cells::Number(|row| row.turn.map(|turn| turn.pivot_mm[0])),
-    ),
-    (
-        "pivot_y_mm",
-        Cells::Number(|row| row.turn.map(|turn| turn.pivot_mm[1])),
-    ),
-    (
-        "pivot_z_mm",
-        Cells::Number(|row| row.turn.map(|turn| turn.pivot_mm[2])),
-    ),
+    ("pivot_x_mm", Cells::Number(|row| row.pivot_mm(0))),
+    ("pivot_y_mm", Cells::Number(|row| row.pivot_mm(1))),
+    ("pivot_z_mm", Cells::Number(|row| row.pivot_mm(2))),
 ];
 
 /// Contents of a column.
@@ -150,6 +132,18 @@ pub struct Row {
 }
 
 impl Row {
+    fn rotation_deg(&self, axis: usize) -> Option<f64> {
+        self.turn.map(|turn| turn.rotation_deg[axis])
+    }
+
+    fn rotation_sigma_deg(&self, axis: usize) -> Option<f64> {
+        self.turn.map(|turn| turn.rotation_sigma_deg[axis])
+    }
+
+    fn pivot_mm(&self, axis: usize) -> Option<f64> {
+        self.turn.map(|turn| turn.pivot_mm[axis])
+    }
+
     /// Returns the row of a measurement.
     pub fn of(measurement: &Measurement) -> Self {
         let cameras = measurement.cameras.len();

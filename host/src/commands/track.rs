@@ -145,13 +145,14 @@ pub struct TrackOptions {
     /// Print one JSON object per frame set and line
     ///
     /// time_s, displacement_mm (the target's since the keyframe, as seen from the cameras),
-    /// sigma_mm, covariance_mm2, points, rejected, latency_ms (the images' age when they act), trust
-    /// (in the station's position); stage_mm, frame and drops (of live cameras, so far), or with
-    /// --sim target_mm and camera_mm. `warnings`, a list of sentences, is there only if a camera was
-    /// left out or an image is badly exposed; `refused` is the reason why a frame set was not used.
-    /// If a rotation was estimated also rotation_deg (about the cameras' x, y, z), rotation_sigma_deg and
-    /// pivot_mm; displacement_mm is then the pivot's. With two or more `[[target]]` tables in the
-    /// rig file, `targets` lists all of them; the row itself is of the one that the stage follows.
+    /// sigma_mm, covariance_mm2, points, rejected, latency_ms (the images' age when they act),
+    /// trust (in the station's position); stage_mm, frame and drops (of live cameras, so far), or
+    /// with --sim target_mm and camera_mm. `warnings`, a list of sentences, is there only if a
+    /// camera was left out or an image is badly exposed; `refused` is the reason why a frame set
+    /// was not used. If a rotation was estimated also rotation_deg (about the cameras' x, y, z),
+    /// rotation_sigma_deg and pivot_mm; displacement_mm is then the pivot's. With two or more
+    /// `[[target]]` tables in the rig file, `targets` lists all of them; the row itself is of the
+    /// one that the stage follows.
     #[arg(long)]
     json: bool,
 

@@ -14,9 +14,9 @@ pub struct TurningOptions {
     /// [default: the rig file's `rotation`, or estimate]
     ///
     /// `estimate` follows tilts of up to 40 degrees and any rotation about z since the first frame
-    /// set. The rows then have the rotation vector with its standard deviation, and the pivot; about
-    /// the centroid, rows whose points determine no rotation have the displacement alone. It needs
-    /// the estimator midpoint. `refuse` takes less time.
+    /// set. The rows then have the rotation vector with its standard deviation, and the pivot;
+    /// about the centroid, rows whose points determine no rotation have the displacement alone. It
+    /// needs the estimator midpoint. `refuse` takes less time.
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
 

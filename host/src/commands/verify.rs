@@ -16,8 +16,9 @@ use super::report_option::ReportOption;
 /// Predict what a rig can measure, and name what limits it
 ///
 /// From the rig file alone: the standard deviation of a displacement per axis over depth and number
-/// of points, that of a rotation and of a pivot's displacement, the space that the cameras see, step rates and stopping distances of the stage, and
-/// the headroom of all numbers in their fixed-point formats. No image is taken and nothing moves.
+/// of points, that of a rotation and of a pivot's displacement, the space that the cameras see,
+/// step rates and stopping distances of the stage, and the headroom of all numbers in their
+/// fixed-point formats. No image is taken and nothing moves.
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct VerifyOptions {

@@ -2,8 +2,8 @@
 //! `estimate`.
 //!
 //! Points determine a rotation or they do not; where they do, it is estimated, unless a caller
-//! refuses rotations or chooses a method. A [`Rule`] holds the choice for both; a [`Choice`] of the caller, completed
-//! by the rig file, makes it.
+//! refuses rotations or chooses a method. A [`Rule`] holds the choice for points and images; a
+//! [`Choice`] of the caller, completed by the rig file, makes it.
 //!
 //! ```
 //! use std::path::Path;
@@ -193,7 +193,7 @@ pub struct Rule {
     pub pivot: Pivot,
 }
 
-/// Use of the rotation of one set of points.
+/// Use of the rotation of one measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Use {
     /// Estimate it, or refuse.
@@ -207,12 +207,14 @@ pub enum Use {
 }
 
 impl Rule {
-    /// Returns the use of the rotation of points.
+    /// Returns the use of the rotation.
     pub const fn rotation_use(&self) -> Use {
         match (self.rotation, self.method) {
             (Some(Rotation::Estimate), _) => Use::Demanded,
             (Some(Rotation::Refuse), _) => Use::Refused,
-            (None, None) => Use::Offered,
+            // Without a rotation, only the centroid's displacement is known.
+            (None, None) if matches!(self.pivot, Pivot::Centroid) => Use::Offered,
+            (None, None) => Use::Demanded,
             (None, Some(_)) => Use::Warned,
         }
     }
@@ -243,11 +245,7 @@ impl Rule {
             let pivot_mm = pivot_mm.map_err(|missed| missed.to_string())?;
             Ok(solution(pose, pivot_mm, count))
         };
-        let used = match self.rotation_use() {
-            // The displacement of another point is known with the rotation only.
-            Use::Offered if self.pivot != Pivot::Centroid => Use::Demanded,
-            used => used,
-        };
+        let used = self.rotation_use();
         match (used, seen) {
             (Use::Demanded, Ok((pose, count))) => turned(&pose, count),
             (Use::Demanded, Err(refusal)) => {
@@ -309,7 +307,9 @@ impl Rule {
         rig: &Rig,
         frame_set: &FrameSet,
     ) -> Result<Measured, String> {
-        let seen = flow.measure_with(frame_set, |flow, filtered| self.seen(flow, filtered));
+        let seen = flow.measure_with(frame_set, &mut (), |flow, filtered, _| {
+            self.seen(flow, filtered)
+        });
         self.measured(flow, rig, seen)
     }
 
@@ -328,14 +328,13 @@ impl Rule {
     }
 
     fn seen(&self, flow: &mut Flow, filtered: &FilteredFrameSet) -> Result<Offered, FlowRefusal> {
-        match (self.rotation_use(), self.pivot) {
-            // Without a rotation, the displacement is that of the centroid.
-            (Use::Offered, Pivot::Centroid) => flow.measure_filtered_offered(filtered),
-            (Use::Demanded | Use::Offered, _) => {
+        match self.rotation_use() {
+            Use::Offered => flow.measure_filtered_offered(filtered),
+            Use::Demanded => {
                 let seen = flow.measure_filtered_pose(filtered)?;
                 Ok(Offered::Pose(Box::new(seen)))
             }
-            (Use::Refused | Use::Warned, _) => {
+            Use::Refused | Use::Warned => {
                 let seen = flow.measure_filtered(filtered, &mut ())?;
                 Ok(Offered::Displacement(Box::new(seen)))
             }

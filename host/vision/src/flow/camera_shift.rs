@@ -2,8 +2,8 @@
 //!
 //! Each instant by itself gives the misfit of a camera's pixel against the point that all cameras
 //! see. What the mean over all points has changed is not of the target, whose motion does not
-//! enter, but of the cameras. Errors of the calibration are in both instants, up to a small share of
-//! the points' motion in the image. A part of a shift along the baseline looks like a change of
+//! enter, but of the cameras. Errors of the calibration are in both instants, up to a small share
+//! of the points' motion in the image. A part of a shift along the baseline looks like a change of
 //! depth and stays unseen.
 
 use super::Correspondence;

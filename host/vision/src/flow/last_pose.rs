@@ -1,5 +1,6 @@
 //! The last pose of a target that turns, from which the next search begins.
 
+use super::Flow;
 use crate::matching::geometry::RigGeometry;
 use trinocular_core::estimate::pose::Estimate;
 
@@ -39,7 +40,7 @@ impl LastPose {
     }
 
     /// Returns true if the search begins at this pose.
-    pub(super) fn is_turned(&self) -> bool {
+    pub(super) fn is_far(&self) -> bool {
         self.squared_deg() >= NEAR_DEG * NEAR_DEG
     }
 
@@ -47,5 +48,23 @@ impl LastPose {
     pub(super) fn pose(&self, geometry: &RigGeometry) -> Option<Estimate> {
         let radians = self.rotation_deg.map(f64::to_radians);
         Estimate::turned(&geometry.arms, radians, self.pivot_mm, self.displacement_mm)
+    }
+}
+
+impl Flow {
+    /// Returns the last pose that was measured against the keyframe.
+    pub fn last_pose(&self) -> Option<LastPose> {
+        match &self.reduced {
+            Some(reduced) => reduced.last_pose(),
+            None => self.last_pose,
+        }
+    }
+
+    /// Lets the next search begin as if this pose had been measured last.
+    pub fn set_last_pose(&mut self, last_pose: Option<LastPose>) {
+        match &mut self.reduced {
+            Some(reduced) => reduced.set_last_pose(last_pose),
+            None => self.last_pose = last_pose,
+        }
     }
 }

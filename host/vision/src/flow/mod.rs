@@ -228,7 +228,7 @@ impl Flow {
             return self.measure(frame_set);
         };
         let pivot_mm = self.keyframe_pivot_mm(pivot)?;
-        self.measure_with(frame_set, |flow, filtered| match pivot {
+        self.measure_with(frame_set, &mut (), |flow, filtered, _| match pivot {
             Pivot::Centroid => flow
                 .measure_filtered_offered(filtered)
                 .map(|seen| match seen {
@@ -251,17 +251,9 @@ impl Flow {
         frame_set: &FrameSet,
         observer: &mut dyn StageObserver,
     ) -> Result<Measurement, FlowRefusal> {
-        // Without a keyframe, filtering would be wasted.
-        self.check_keyframe()?;
-        let thread_pool = self.thread_pool.clone();
-        // Inside the pool, no stage has to wake its threads again.
-        let (measurement, filtered) = thread_pool.run(|| {
-            let filtered = self.filter_observed(frame_set, observer)?;
-            let measurement = self.measure_filtered(&filtered, observer);
-            Ok((measurement, filtered))
-        })?;
-        self.pyramid_pool.put(filtered);
-        measurement
+        self.measure_with(frame_set, observer, |flow, filtered, observer| {
+            flow.measure_filtered(filtered, observer)
+        })
     }
 
     /// Filters a frame set and measures it, with the threads of this tracker.
@@ -271,14 +263,21 @@ impl Flow {
     pub fn measure_with<T: Send>(
         &mut self,
         frame_set: &FrameSet,
-        measure: impl FnOnce(&mut Self, &FilteredFrameSet) -> Result<T, FlowRefusal> + Send,
+        observer: &mut dyn StageObserver,
+        measure: impl FnOnce(
+            &mut Self,
+            &FilteredFrameSet,
+            &mut dyn StageObserver,
+        ) -> Result<T, FlowRefusal>
+        + Send,
     ) -> Result<T, FlowRefusal> {
+        // Without a keyframe, filtering would be wasted.
         self.check_keyframe()?;
         let thread_pool = self.thread_pool.clone();
         // Inside the pool, no stage has to wake its threads again.
         let (measured, filtered) = thread_pool.run(|| {
-            let filtered = self.filter_observed(frame_set, &mut ())?;
-            let measured = measure(self, &filtered);
+            let filtered = self.filter_observed(frame_set, observer)?;
+            let measured = measure(self, &filtered, observer);
             Ok((measured, filtered))
         })?;
         self.pyramid_pool.put(filtered);

@@ -44,7 +44,6 @@ use crate::matching::zncc::ZnccPlane;
 use crate::rigid;
 use consensus::{RigidConsensus, rigid_consensus};
 use corners::PosedCorners;
-use nalgebra::Vector3;
 use predictor::{Predictor, Surface};
 use search::RoughPose;
 use trinocular_core::estimate::pose::Estimate;
@@ -110,41 +109,9 @@ impl Flow {
     /// # Errors
     /// [`FlowRefusal`] if the pose cannot be measured; the keyframe stays.
     pub fn measure_pose(&mut self, frame_set: &FrameSet) -> Result<PoseMeasurement, FlowRefusal> {
-        self.measure_with(frame_set, Self::measure_filtered_pose)
-    }
-
-    /// Returns the mean of the keyframe's points in the rig's axes, mm. It stays the same while the
-    /// keyframe does, whichever points are found later.
-    pub fn keyframe_centroid_mm(&self) -> Option<[f64; 3]> {
-        if let Some(reduced) = &self.reduced {
-            return reduced.keyframe_centroid_mm();
-        }
-        let keyframe = self.keyframe.as_ref()?;
-        let [cx, cy] = keyframe.active.geometry.arms.centre_mm();
-        let count = keyframe.matches.len() as f64;
-        let place = |matched: &StereoMatch| {
-            let z = 1.0 / matched.ray.inverse_depth;
-            let [alpha, beta] = matched.ray.direction;
-            Vector3::new(alpha * z + cx, beta * z + cy, z)
-        };
-        let sum: Vector3<f64> = keyframe.matches.iter().map(place).sum();
-        Some((sum / count).into())
-    }
-
-    /// Returns the last pose that was measured against the keyframe.
-    pub fn last_pose(&self) -> Option<LastPose> {
-        match &self.reduced {
-            Some(reduced) => reduced.last_pose(),
-            None => self.last_pose,
-        }
-    }
-
-    /// Lets the next search begin as if this pose had been measured last.
-    pub fn set_last_pose(&mut self, last_pose: Option<LastPose>) {
-        match &mut self.reduced {
-            Some(reduced) => reduced.set_last_pose(last_pose),
-            None => self.last_pose = last_pose,
-        }
+        self.measure_with(frame_set, &mut (), |flow, filtered, _| {
+            flow.measure_filtered_pose(filtered)
+        })
     }
 
     /// Does the same as [`Flow::measure_pose`] with a frame set that is already filtered.
@@ -174,8 +141,8 @@ impl Flow {
     }
 
     /// Tracks the keyframe's points into the frame set `now`: near the last pose if the target has
-    /// turned and then from nothing, or the other way round. The result also names a camera that is not
-    /// synchronised with the others.
+    /// turned far, and then from nothing, or the other way round. The result also names a camera
+    /// that is not synchronised with the others.
     ///
     /// # Errors
     /// [`FlowRefusal`] for reasons that no single camera can cause.
@@ -199,9 +166,10 @@ impl Flow {
             let rough = self.rough_pose_near(keyframe, &matcher, surface, last);
             rough.ok().map(track)
         };
-        let last = (self.last_pose).and_then(|last| last.pose(matcher.geometry));
-        let is_turned = self.last_pose.is_some_and(|last| last.is_turned());
-        let near = match last.filter(|_| is_turned).and_then(track_near) {
+        let turned = self.last_pose.filter(|last| !last.is_still());
+        let last = turned.and_then(|last| last.pose(matcher.geometry));
+        let is_far = turned.is_some_and(|last| last.is_far());
+        let near = match last.filter(|_| is_far).and_then(track_near) {
             Some(tracking) if tracking.result.is_ok() => return Ok(tracking),
             refused => refused,
         };
@@ -209,7 +177,7 @@ impl Flow {
             Ok(rough) => Ok(track(rough)),
             // The last pose explains the images better than none.
             Err(lost) => {
-                let near = near.or_else(|| last.filter(|_| !is_turned).and_then(track_near));
+                let near = near.or_else(|| last.filter(|_| !is_far).and_then(track_near));
                 near.ok_or(lost)
             }
         }

@@ -130,7 +130,8 @@ impl core::error::Error for Refusal {}
 /// # Ok::<(), trinocular_core::estimate::Refusal>(())
 /// ```
 pub fn solve(geometry: &Geometry, observations: &[Observation]) -> Result<Estimate, Refusal> {
-    solve_after(nearest(geometry, observations), geometry, observations)
+    let turned = Turned::nearest(geometry, observations);
+    solve_after(turned.first, geometry, observations)
 }
 
 /// Does the same as [`solve`] with the quarter turn of another estimate, so that the Cayley vectors
@@ -149,21 +150,13 @@ pub fn solve_after(
     second_stage(geometry, &turned, &noise)
 }
 
-/// Returns the quarter turn after which the least rotation is left.
-fn nearest(geometry: &Geometry, observations: &[Observation]) -> QuarterTurn {
-    QuarterTurn::nearest(observations, geometry.centre_mm())
-}
-
 /// Estimates the pose with the weights of a target that does not turn, and leaves the noise's share
 /// in, which biases it towards no rotation. The fastest stage, for the search of a consensus.
 ///
 /// # Errors
 /// [`Refusal`], if the points do not determine a rotation.
 pub fn plain(geometry: &Geometry, observations: &[Observation]) -> Result<Estimate, Refusal> {
-    let turned = Turned {
-        all: observations,
-        first: nearest(geometry, observations),
-    };
+    let turned = Turned::nearest(geometry, observations);
     let (scale, _) = Noise::of_turned(geometry, &turned).factor();
     first_stage(geometry, &turned, None, scale)
 }
@@ -179,10 +172,7 @@ pub fn noise_removed(
     noise: &Noise,
 ) -> Result<Estimate, Refusal> {
     let (scale, _) = noise.factor();
-    let turned = Turned {
-        all: observations,
-        first: nearest(geometry, observations),
-    };
+    let turned = Turned::nearest(geometry, observations);
     first_stage(geometry, &turned, Some(noise), scale)
 }
 
@@ -195,10 +185,7 @@ pub fn reweighted(
     observations: &[Observation],
     noise: &Noise,
 ) -> Result<Estimate, Refusal> {
-    let turned = Turned {
-        all: observations,
-        first: nearest(geometry, observations),
-    };
+    let turned = Turned::nearest(geometry, observations);
     second_stage(geometry, &turned, noise)
 }
 

@@ -1,7 +1,7 @@
 //! Noise of the observations: a model of it, and its measurement without any model of the motion.
 
 use super::Observation;
-use super::quarter_turn::{QuarterTurn, Turned};
+use super::quarter_turn::Turned;
 use crate::sums::centred::Geometry;
 use libm::sqrt;
 
@@ -63,9 +63,7 @@ impl Noise {
     /// The misfit has `N (2K - 3)` degrees of freedom at either instant. The noise counts as
     /// independent and equal at both, unless the correlation of the misfits is significant.
     pub fn of(geometry: &Geometry, observations: &[Observation]) -> Self {
-        let first = QuarterTurn::nearest(observations, geometry.centre_mm());
-        let all = observations;
-        Self::of_turned(geometry, &Turned { all, first })
+        Self::of_turned(geometry, &Turned::nearest(geometry, observations))
     }
 
     /// Measures the noise of observations whose keyframe is turned.

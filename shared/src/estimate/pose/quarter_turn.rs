@@ -9,6 +9,7 @@
 //! the target is seen.
 
 use super::{Observation, cayley};
+use crate::sums::centred::Geometry;
 use libm::{atan2, sqrt};
 use nalgebra::{Matrix3, Vector3};
 
@@ -28,7 +29,7 @@ impl QuarterTurn {
     ///
     /// The rotation is found roughly for this, by the singular values of the positions' covariance
     /// (Kabsch 1976).
-    pub(super) fn nearest(observations: &[Observation], centre_mm: [f64; 2]) -> Self {
+    fn nearest(observations: &[Observation], centre_mm: [f64; 2]) -> Self {
         let count = observations.len() as f64;
         let mean = |place: fn(&Observation) -> Vector3<f64>| {
             observations.iter().map(place).sum::<Vector3<f64>>() / count
@@ -162,7 +163,15 @@ pub(super) struct Turned<'a> {
     pub(super) first: QuarterTurn,
 }
 
-impl Turned<'_> {
+impl<'a> Turned<'a> {
+    /// Turns the observations by the multiple of 90° after which the least rotation is left.
+    pub(super) fn nearest(geometry: &Geometry, all: &'a [Observation]) -> Self {
+        Self {
+            all,
+            first: QuarterTurn::nearest(all, geometry.centre_mm()),
+        }
+    }
+
     /// Returns the observations with their turned starts.
     pub(super) fn iter(&self) -> impl Iterator<Item = Observation> + '_ {
         self.all

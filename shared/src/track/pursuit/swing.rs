@@ -13,8 +13,8 @@
 //! which is positive if it was nearer, and next to nothing if the measurement's noise hides who
 //! was. It takes the lead when its mean score is above [`LEAD`] and its own covariance promises a
 //! prediction as good as 1.4 measurements' sigmas, or with a tenth of the mean square of `n`. It
-//! loses the lead when the mean is negative, a measurement does not pass its innovation gate, or the
-//! promise is beyond 2.8 sigmas as well as that tenth. A still target, a line, a jump and the
+//! loses the lead when the mean is negative, a measurement does not pass its innovation gate, or
+//! the promise is beyond 2.8 sigmas as well as that tenth. A still target, a line, a jump and the
 //! beginning and end of any motion remain the filter's, and so does coasting.
 //!
 //! # Goal

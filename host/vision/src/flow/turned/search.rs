@@ -1,5 +1,6 @@
 //! Rough search of a pose: a displacement in images that are turned back by a pose.
 
+use super::pivot::centroid_mm;
 use super::predictor::Surface;
 use super::turned_back::TurnedBack;
 use crate::flow::keyframe::ActiveKeyframe;
@@ -135,20 +136,9 @@ fn angles_rad(turns: u32) -> impl Iterator<Item = f64> {
     })
 }
 
-/// Returns rotations about x and y, about the middle of the points.
+/// Returns rotations about x and y, about the centroid of the points.
 fn tilts(geometry: &RigGeometry, matches: &[StereoMatch]) -> impl Iterator<Item = Estimate> {
-    let [cx, cy] = geometry.arms.centre_mm();
-    let mut sums = [0.0; 3];
-    for StereoMatch { ray, .. } in matches {
-        let [alpha, beta] = ray.direction;
-        sums = [sums[0] + alpha, sums[1] + beta, sums[2] + ray.inverse_depth];
-    }
-    let [alpha, beta, rho] = sums;
-    let middle_mm = [
-        alpha / rho + cx,
-        beta / rho + cy,
-        matches.len() as f64 / rho,
-    ];
+    let pivot_mm = centroid_mm(geometry, matches);
     let half = (0.5 * TILT_DEG).to_radians().tan();
     let axes = [
         [half, 0.0, 0.0],
@@ -156,7 +146,7 @@ fn tilts(geometry: &RigGeometry, matches: &[StereoMatch]) -> impl Iterator<Item 
         [0.0, half, 0.0],
         [0.0, -half, 0.0],
     ];
-    (axes.into_iter()).map(move |omega| Estimate::exact(omega, middle_mm, [0.0; 3]))
+    (axes.into_iter()).map(move |omega| Estimate::exact(omega, pivot_mm, [0.0; 3]))
 }
 
 /// Returns the place of the reference camera, mm.
