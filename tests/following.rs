@@ -333,8 +333,8 @@ fn figure_is_followed_at_30_late_frames_per_s() {
     }
 }
 
-/// From ten periods on, along x and y. In each of the runs some measurements are odd: the
-/// oscillators keep the lead.
+/// From ten periods on, along x and y. Among 60 seeds some measurements are three to four sigma
+/// off; an oscillator that lost the lead over them would break the bound.
 #[test]
 fn vibration_is_learned_within_ten_periods() {
     for (per_s, mm) in [(5.0, 1.0), (4.0, 1.0), (3.0, 1.0)] {

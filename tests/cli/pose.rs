@@ -57,6 +57,7 @@ fn desk_of(case: &Value) -> Desk {
             names,
             rig,
             stage,
+            rotation: None,
             pivot: Some(Pivot::Centroid),
             trigger: None,
             laser: None,
@@ -81,7 +82,7 @@ fn pivot_of(case: &Value) -> String {
 }
 
 #[track_caller]
-fn assert_close(got: &Value, want: [f64; 3], bound: f64, what: &str) {
+pub(super) fn assert_close(got: &Value, want: [f64; 3], bound: f64, what: &str) {
     let got: [f64; 3] = numbers(got);
     for (got, want) in got.iter().zip(want) {
         assert!(
@@ -415,7 +416,8 @@ fn track_follows_pivot_of_turning_target() {
     let words = ["track", "--images", "views", "--rig", "rig.toml", "--json"];
     let refused = |options: &[&str]| {
         let outcome = run(desk.folder.path(), &[&words[..], options].concat());
-        outcome.json()[1]["refused"].is_string()
+        let reason = outcome.json()[1]["refused"].as_str().map(str::to_owned);
+        reason.is_some_and(|reason| reason.contains("turn"))
     };
     desk.write("rig.toml", "rotation = \"refuse\"\n".to_owned() + &plain);
     assert!(refused(&[]));

@@ -1,29 +1,17 @@
 //! The spot of a laser as the pivot of a target that turns.
 
-use serde_json::Value;
 use trinocular_core::rig::Rig;
 use trinocular_vision::images::Pose;
 
-use super::pose::desk_of_images;
+use super::pose::{assert_close, desk_of_images};
 use super::{Desk, Outcome, run};
 
 /// Meets the poster, which is at 850 mm, at (20, -30) mm.
 const LASER: &str = "[laser]\nfrom_mm = [20, 55, 0]\ndirection = [0, -0.2, 2]\n";
 const SPOT_MM: [f64; 3] = [20.0, -30.0, 850.0];
 
-fn with_laser(desk: &Desk, lines: &str) {
-    desk.write(
-        "rig.toml",
-        format!("{lines}{}{LASER}", desk.read("rig.toml")),
-    );
-}
-
-#[track_caller]
-fn assert_near(value: &Value, expected: [f64; 3], tolerance: f64) {
-    for (i, expected) in expected.into_iter().enumerate() {
-        let got = value[i].as_f64().expect("a number");
-        assert!((got - expected).abs() <= tolerance, "{value} {expected}");
-    }
+fn add_laser(desk: &Desk) {
+    desk.write("rig.toml", desk.read("rig.toml") + LASER);
 }
 
 /// Returns the motion of the spot of a poster that turns about z at its origin and moves, mm.
@@ -57,22 +45,24 @@ fn spot_of_laser_is_measured_and_followed() {
         turned_deg: [0.0, 0.0, degrees],
     };
     let desk = desk_of_images(&[Pose::default(), pose(moves[0]), pose(moves[1])]);
-    with_laser(&desk, "");
+    add_laser(&desk);
     let words = ["--images", "views", "--rig", "rig.toml", "--json"];
     let spot = ["--rotation", "estimate", "--pivot", "spot"];
     let track = [&["track"], &words[..], &spot, &["--record", "run.mcap"]].concat();
     let estimate = [&["estimate"], &["views"], &words[2..], &spot].concat();
     for command in [&track, &estimate] {
         let rows = ran(&desk, command).json();
+        assert_eq!(rows.len(), moves.len(), "{command:?}");
         for (row, (degrees, relative_mm)) in rows.iter().zip(moves) {
-            assert_near(&row["pivot_mm"], SPOT_MM, 0.6);
-            assert_near(&row["displacement_mm"], moved(degrees, relative_mm), 0.06);
+            assert_close(&row["pivot_mm"], SPOT_MM, 0.6, "spot");
+            let moved_mm = moved(degrees, relative_mm);
+            assert_close(&row["displacement_mm"], moved_mm, 0.06, "motion");
         }
     }
     // The recording is measured again with the laser of its rig file, bit for bit.
     ran(&desk, &["replay", "run.mcap"]);
     // The rig file can say the same, also for a reference view.
-    with_rig(&desk);
+    write_turning_rig(&desk);
     ran(
         &desk,
         &[
@@ -93,13 +83,15 @@ fn spot_of_laser_is_measured_and_followed() {
         "--reference",
         "zero.mcap",
     ];
-    for row in ran(&desk, &rows).json() {
-        assert_near(&row["pivot_mm"], SPOT_MM, 0.6);
+    let rows = ran(&desk, &rows).json();
+    assert_eq!(rows.len(), 3);
+    for row in rows {
+        assert_close(&row["pivot_mm"], SPOT_MM, 0.6, "spot");
     }
 }
 
 /// Writes `turning.toml`, whose pivot is the spot.
-fn with_rig(desk: &Desk) {
+fn write_turning_rig(desk: &Desk) {
     let lines = "rotation = \"estimate\"\npivot = \"spot\"\n";
     desk.write("turning.toml", format!("{lines}{}", desk.read("rig.toml")));
 }
@@ -124,13 +116,13 @@ fn spot_of_points_is_found() {
         }
     }
     desk.write("points.csv", csv);
-    with_laser(&desk, "");
-    with_rig(&desk);
+    add_laser(&desk);
+    write_turning_rig(&desk);
     let words = ["estimate", "points.csv", "--rig", "turning.toml", "--json"];
     let line = &ran(&desk, &words).json()[0];
-    assert_near(&line["pivot_mm"], SPOT_MM, 1e-5);
-    assert_near(&line["displacement_mm"], [1.0, 0.0, 1.0], 1e-5);
-    // A laser beside the target is no centroid.
+    assert_close(&line["pivot_mm"], SPOT_MM, 1e-5, "spot");
+    assert_close(&line["displacement_mm"], [1.0, 0.0, 1.0], 1e-5, "motion");
+    // The centroid does not take the place of a spot that the ray misses.
     desk.change("turning.toml", "-0.2, 2", "-2, 2");
     let outcome = run(desk.folder.path(), &words[..4]);
     assert_eq!(outcome.code, Some(1));

@@ -148,7 +148,7 @@ fn pose_reaches_bound() {
 
 /// A quarter turn, half a turn, and between them.
 #[test]
-fn pose_reaches_bound_at_any_turn_about_z() {
+fn pose_reaches_bound_after_90_to_180_degrees() {
     for (seed, degrees) in [(71, 90.0), (72, 135.0), (73, 180.0)] {
         for (name, shape) in [("poster", POSTER), ("relief", RELIEF)] {
             let made = scene(shape, 100, [0.1, 0.2, 1.0], degrees);

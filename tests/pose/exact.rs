@@ -129,8 +129,6 @@ proptest! {
     }
 }
 
-/// A target that does not turn: the pose differs from the midpoint by less than 0.75 sigma with
-/// noise, and by less than 1e-9 mm without.
 /// A pose before and one after: what a search does with a displacement, and with a further turn.
 #[test]
 fn poses_are_composed() {
@@ -149,10 +147,13 @@ fn poses_are_composed() {
         assert!(largest(exact.apply(place), pose.apply(place)) < 1e-9);
         let then = Estimate::exact(omega, about, [0.0; 3]);
         let both = pose.followed_by(omega, about);
+        assert_eq!(both.centroid_mm, pose.centroid_mm);
         assert!(largest(both.apply(place), then.apply(pose.apply(place))) < 1e-9);
     }
 }
 
+/// A target that does not turn: the pose differs from the midpoint by less than 0.75 sigma with
+/// noise, and by less than 1e-9 mm without.
 #[test]
 fn still_target_agrees_with_midpoint() {
     let random = &mut Random::seeded(5);
@@ -232,7 +233,7 @@ fn undetermined_rotations_are_refused() {
     let mut wrong = seen.clone();
     wrong[3].end[2] = f64::NAN;
     assert_eq!(solve(&wrong), Some(Refusal::OutOfRange));
-    // A half turn about an axis across z has no Cayley vector, after no quarter turn about z.
+    // A half turn about an axis across z has no Cayley vector, whatever quarter turn comes first.
     let half = Scene::new(&LINE, RELIEF, 20, random).moved([1.0; 3], [0.3, 1.0, 0.0], 180.0);
     assert_eq!(solve(&half.exact()), Some(Refusal::Degenerate));
 }

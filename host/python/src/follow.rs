@@ -16,7 +16,7 @@ use trinocular_client::StationError;
 use trinocular_client::diagnosis::remedy;
 use trinocular_core::time::Instant;
 use trinocular_rig::rig_file::RigFile;
-use trinocular_vision::estimation::{Solution, Turn, Use};
+use trinocular_vision::estimation::{Solution, Turn};
 use trinocular_vision::flow::TargetTurn;
 use trinocular_vision::flow::mistake::explain_keyframe;
 use trinocular_vision::flow::remarks;
@@ -112,7 +112,7 @@ fn solution(estimate: &ServoEstimate) -> Solution {
         rotation_deg: Some(turn.rotation_deg),
         rotation_sigma_deg: Some(turn.rotation_sigma_deg),
         pivot_mm: Some(turn.pivot_mm),
-        is_significant: true,
+        is_significant: turn.is_significant,
     });
     Solution {
         displacement_mm: estimate.displacement_mm,
@@ -136,8 +136,7 @@ impl Follower {
         let rule = rule(&rig, None, rotation, pivot_mm)?;
         let mut servo = VisualServo::new(&rig.rig, Estimator::Midpoint).map_err(value)?;
         servo.set_regions(copied(&regions)?);
-        let is_estimated = matches!(rule.rotation_use(), Use::Demanded | Use::Offered);
-        servo.set_pivot(is_estimated.then_some(rule.pivot));
+        servo.set_pivot(rule.estimated_pivot());
         Ok(Self {
             rig,
             state: Mutex::new(State {

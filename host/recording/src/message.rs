@@ -161,7 +161,8 @@ pub struct Measurement {
     pub outcome: Outcome,
     /// Reason of a refusal.
     pub reason: String,
-    /// Displacement of the target since the keyframe, mm.
+    /// Displacement of the target since the keyframe, mm; in the message of a keyframe that of the
+    /// last pose before the recording ([`Measurement::last_pose`]).
     pub displacement_mm: [f64; 3],
     /// Covariance of the displacement, mm², row by row.
     pub covariance_mm2: [f64; 9],
@@ -183,7 +184,8 @@ pub struct Measurement {
     pub station_sigma_mm: [f64; 3],
     /// Time from the capture to the first step that it could change, µs.
     pub latency_us: u32,
-    /// Rotation of the target since the keyframe, if it was estimated.
+    /// Rotation of the target since the keyframe, if it was estimated; in the message of a keyframe
+    /// that of the last pose before the recording.
     pub turn: Option<Turn>,
 }
 

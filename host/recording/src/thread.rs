@@ -126,8 +126,9 @@ impl Opened {
             })?;
         }
         self.flush()?;
-        // Schemas and channels stand in the chunk of the first messages: ROS 2 until mcap 1.4.0
-        // does not read a file with a chunk without messages in the order of time.
+        // Schemas and channels stand in the chunk of the first messages: some libraries of ROS 2
+        // (mcap before 1.3.1, and 1.4.0) do not read a file with a chunk without messages in the
+        // order of time.
         for name in &settings.cameras {
             let channel = match settings.images {
                 ImageForm::Raw => self.channel(&topic::image(name), &schema::IMAGE)?,

@@ -5,6 +5,15 @@ use std::str::FromStr;
 
 use crate::rig_file::Laser;
 
+/// Treatment of a target that turns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rotation {
+    /// Refuse a target that turns by more than 0.15 degrees.
+    Refuse,
+    /// Estimate the rotation vector with its standard deviation.
+    Estimate,
+}
+
 /// Point of the target whose displacement is stated. The points of a target that turns move
 /// differently.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

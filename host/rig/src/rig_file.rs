@@ -2,8 +2,8 @@
 //!
 //! ```toml
 //! image_size_px = [320, 240]            # every camera's image: columns, rows
-//! rotation = "refuse"                   # of the target, or "estimate"; optional
-//! pivot = [0.0, 0.0, 850.0]             # not with "refuse", mm; default "centroid"
+//! rotation = "estimate"                 # of the target, or "refuse"; default "estimate"
+//! pivot = [0.0, 0.0, 850.0]             # mm; not with "refuse"; default "centroid"
 //!
 //! [[camera]]                            # 2 to 8 of them
 //! name = "left"                         # also the name of its folder of images
@@ -42,7 +42,7 @@ use trinocular_core::rig::{Camera, HEIGHT_ERROR_LIMIT, MAX_CAMERAS, Rig, Rotatio
 use crate::error::InputError;
 use crate::input::{self, Limit};
 use crate::output::{Output, Replace};
-use crate::pivot::Pivot;
+use crate::pivot::{self as treatment, Pivot};
 use field::{Field, Source};
 
 pub mod capture;
@@ -135,6 +135,8 @@ pub struct RigFile {
     pub rig: Rig,
     /// The stage, if the file describes one.
     pub stage: Option<Stage>,
+    /// Treatment of a target that turns, if the file states it.
+    pub rotation: Option<treatment::Rotation>,
     /// Pivot of a target whose rotation is estimated; `None` if a target that turns is refused.
     pub pivot: Option<Pivot>,
     /// Devices and their settings in the order of the cameras; empty if no camera has any.
@@ -154,6 +156,7 @@ impl RigFile {
             names: TRINOCULAR.map(String::from).to_vec(),
             rig: Rig::paper(),
             stage: None,
+            rotation: None,
             pivot: Some(Pivot::Centroid),
             capture: Vec::new(),
             trigger: None,
@@ -240,6 +243,7 @@ impl RigFile {
             Some(section) => Some(Trigger::read(&section)?),
             None => None,
         };
+        let rotation = pivot::rotation(&root)?;
         let laser = match root.optional("laser")? {
             Some(section) => Some(Laser::read(&section)?),
             None => None,
@@ -256,7 +260,8 @@ impl RigFile {
                 cameras: cameras.into_iter().collect(),
             },
             stage,
-            pivot: pivot::read(&root, laser)?,
+            rotation,
+            pivot: pivot::read(&root, rotation, laser)?,
             capture,
             trigger,
             laser,
@@ -267,7 +272,7 @@ impl RigFile {
     /// Returns the file's text. [`RigFile::parse`] reads the same rig back, bit for bit.
     pub fn to_toml(&self) -> String {
         let mut text = format!("image_size_px = {:?}\n", self.rig.image_size_px);
-        pivot::write_toml(self.pivot, &mut text);
+        pivot::write_toml(self.rotation, self.pivot, &mut text);
         for (index, (name, camera)) in self.names.iter().zip(&self.rig.cameras).enumerate() {
             let name = toml::Value::from(name.as_str());
             let _ = write!(text, "\n[[camera]]\nname = {name}\n");

@@ -87,6 +87,11 @@ impl CommandTopic {
         }
     }
 
+    /// Returns true if a message of any type is this command: a stop must not fail for its type.
+    pub fn takes_any_type(self) -> bool {
+        matches!(self, Self::Stop)
+    }
+
     /// Reads a message of this topic: plain CDR of either byte order.
     ///
     /// A message on the topic of stops is a stop, whatever it holds.

@@ -129,6 +129,7 @@ mod tests {
         let topic = Topic::new("/chatter", TEXT);
         let kind = format!("std_msgs::msg::dds_::String_/{}", TEXT.hash);
         assert_eq!(node.key(&topic), format!("2/chatter/{kind}"));
+        assert_eq!(node.key_of_any_type(&topic), "2/chatter/**");
         let session = "@ros2_lv/2/8b20917502ee955ac4476e0266340d5c/0";
         assert_eq!(node.token(), format!("{session}/0/NN/%/%/talker"));
         let expected = format!("{session}/10/MP/%/%/talker/%chatter/{kind}/{QOS}");

@@ -8,21 +8,17 @@ use crate::report::{Cell, LinePlot, Page, Style, Table};
 pub fn tables(found: &Verification) -> Vec<Table> {
     let drive = found.drive.as_ref().map(|_| stage(found));
     let headroom = found.headroom.as_ref().map(|_| headroom(found));
-    let turning = [rotation(found), pivots(found)];
-    [
-        vec![sigma(found)],
-        turning.into(),
-        drive.into_iter().collect(),
-        headroom.into_iter().collect(),
-    ]
-    .concat()
+    let vision = [sigma(found), rotation(found), pivots(found)];
+    vision.into_iter().chain(drive).chain(headroom).collect()
 }
 
 /// Describes the target whose rotation is predicted.
 fn target(found: &Verification) -> String {
     match found.settings.target_mm {
-        Some([width, height]) => format!("a flat target of {width} x {height} mm"),
-        None => "a flat target that all see".to_owned(),
+        Some([width, height]) => {
+            format!("a flat target of {width} x {height} mm, or what all cameras see of it")
+        }
+        None => "a flat target that fills the view of all cameras".to_owned(),
     }
 }
 
@@ -48,8 +44,10 @@ fn rotation(found: &Verification) -> Table {
 fn pivots(found: &Verification) -> Table {
     let points = found.settings.points.iter().enumerate();
     let (index, points) = points.max_by_key(|(_, n)| **n).unwrap_or((0, &0));
-    let caption =
-        format!("Predicted sigma X Y Z of the displacement of its pivot, mm, with {points} points");
+    let caption = format!(
+        "Predicted sigma X Y Z of the displacement of a pivot, mm, with {points} points on {}",
+        target(found)
+    );
     let mut table = Table::new(caption, ["depth, mm", "without rotation"]);
     let named = found.depths.iter().find_map(|at| at.rotation.as_ref());
     let names = named.iter().flat_map(|rotation| &rotation.pivots);

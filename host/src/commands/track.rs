@@ -34,7 +34,6 @@ use trinocular_recording::queue::Pace;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
-use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::region::Regions;
 use trinocular_vision::{sums, targets};
@@ -319,17 +318,17 @@ impl TrackOptions {
     /// Applies the options about a target that turns.
     fn turn(&self, rig: &mut RigFile) -> Result<(), Failure> {
         self.turning.apply(rig)?;
-        let is_default = self.turning.is_default() && rig.pivot == Some(Pivot::Centroid);
-        if self.method == Estimator::ClosedForm && is_default {
-            rig.pivot = None;
+        if self.method != Estimator::ClosedForm || rig.pivot.is_none() {
+            return Ok(());
         }
-        if rig.pivot.is_some() && self.method == Estimator::ClosedForm {
+        if !self.turning.are_silent(rig) {
             return Err(Failure::Usage(
                 "the estimator closed-form knows no rotation; use --method midpoint, or \
                  --rotation refuse"
                     .to_owned(),
             ));
         }
+        rig.pivot = None;
         Ok(())
     }
 

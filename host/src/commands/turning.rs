@@ -16,7 +16,7 @@ pub struct TurningOptions {
     /// `estimate` follows tilts of up to 40 degrees and any rotation about z since the first frame
     /// set. The rows then have the rotation vector with its standard deviation, and the pivot;
     /// about the centroid, rows whose points determine no rotation have the displacement alone. It
-    /// needs the estimator midpoint. `refuse` takes less time.
+    /// needs the estimator midpoint.
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
 
@@ -39,9 +39,10 @@ pub(super) fn pivot(chosen: Option<PivotChoice>, rig: &RigFile) -> Result<Option
 }
 
 impl TurningOptions {
-    /// Returns true if no option is given.
-    pub fn is_default(&self) -> bool {
-        self.rotation.is_none() && self.pivot.is_none()
+    /// Returns true if neither options nor rig file, with the options applied, ask for a rotation.
+    pub fn are_silent(&self, rig: &RigFile) -> bool {
+        let is_centroid = rig.pivot == Some(Pivot::Centroid);
+        self.pivot.is_none() && rig.rotation.is_none() && is_centroid
     }
 
     /// Changes the rig file's treatment of a target that turns as the options demand.
@@ -49,6 +50,7 @@ impl TurningOptions {
     /// # Errors
     /// [`Failure::Usage`] for a pivot without a rotation.
     pub fn apply(self, rig: &mut RigFile) -> Result<(), Failure> {
+        rig.rotation = self.rotation.map(Into::into).or(rig.rotation);
         match self.rotation {
             Some(Rotation::Refuse) => rig.pivot = None,
             Some(Rotation::Estimate) => {

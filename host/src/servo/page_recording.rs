@@ -10,8 +10,6 @@ use trinocular_core::rig::Rig;
 use trinocular_live::Hub;
 use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
-use trinocular_vision::flow::LastPose;
-use trinocular_vision::images::FrameSet;
 
 /// Maker of recordings.
 pub trait Recordings: std::fmt::Debug + Send {
@@ -78,7 +76,7 @@ impl PageRecording {
         &mut self,
         hub: &Hub,
         station: &mut StationLink,
-        (rig, keyframe): (&Rig, Option<(&FrameSet, Option<LastPose>)>),
+        (rig, keyframe): (&Rig, Option<ServoEvent<'_>>),
     ) -> Result<(), String> {
         let Some(recordings) = &mut self.recordings else {
             return Err("this run is recorded as a whole, or not at all".to_owned());
@@ -93,10 +91,10 @@ impl PageRecording {
         let (file, tap) = recordings.begin()?;
         station.set_observer(Some(Arc::clone(&tap) as Arc<dyn StationObserver>));
         tap.reach(station.now().micros());
-        if let Some((images, last_pose)) = keyframe {
+        if let Some(keyframe) = keyframe {
             let taker = Arc::clone(&tap) as Arc<dyn FrameSetTaker>;
             let mut observer = RecordingObserver::new(taker, rig);
-            observer.observe(&ServoEvent::Keyframe { images, last_pose });
+            observer.observe(&keyframe);
         }
         self.tap = Some(tap);
         hub.set_recording(Some(file));

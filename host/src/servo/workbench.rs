@@ -17,7 +17,7 @@ pub use desk::Desk;
 
 use super::ServoError;
 use super::live::LiveObserver;
-use super::observer::ServoObserver;
+use super::observer::{ServoEvent, ServoObserver};
 use super::page_recording::PageRecording;
 use super::recording::{FrameSetTaker, Takers, observers_of};
 use super::station_link::{FrameRefusal, StationLink};
@@ -416,7 +416,8 @@ impl<B: Bench> Workbench<B> {
         match on {
             true => {
                 let last_pose = self.servo.as_ref().and_then(VisualServo::last_pose);
-                let keyframe = self.keyframe.as_ref().map(|images| (images, last_pose));
+                let keyframe = self.keyframe.as_ref();
+                let keyframe = keyframe.map(|images| ServoEvent::Keyframe { images, last_pose });
                 let view = (&self.rig, keyframe);
                 let begun = self.recording.begin(&self.hub, station, view);
                 begun.inspect_err(|reason| self.hub.warn(reason.clone()))?;

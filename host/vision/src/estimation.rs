@@ -28,9 +28,11 @@
 //! ```
 
 mod choice;
-mod pivot;
+mod posed_points;
 
 pub use choice::{Choice, Contradiction};
+
+use posed_points::PosedPoints;
 
 use crate::flow::offered::{is_determined, is_significant};
 use crate::flow::{
@@ -42,9 +44,10 @@ use crate::points::Points;
 use crate::sums::Sums;
 use serde::Serialize;
 use trinocular_core::estimate::Refusal;
-use trinocular_core::estimate::pose::{self, Estimate, Observation};
+use trinocular_core::estimate::pose::Estimate;
 use trinocular_core::rig::Rig;
-use trinocular_core::sums::centred::Geometry;
+pub use trinocular_rig::pivot::Rotation;
+
 use trinocular_rig::pivot::Pivot;
 
 /// Largest rotation of a target that counts as one that does not turn, degrees.
@@ -77,15 +80,6 @@ impl std::fmt::Display for Method {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name())
     }
-}
-
-/// Treatment of a target that turns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Rotation {
-    /// Refuse a target that turns by more than 0.15 degrees.
-    Refuse,
-    /// Estimate the rotation vector with its standard deviation.
-    Estimate,
 }
 
 /// Rotation of the target about the axes of the cameras.
@@ -186,8 +180,9 @@ pub fn counted(
 pub struct Rule {
     /// Method; `None` for the midpoint with the rotation if points determine it.
     pub method: Option<Method>,
-    /// Treatment of a target that turns; `None` estimates the rotation of points if they
-    /// determine it and no method is given, and warns of a turn otherwise.
+    /// Treatment of a target that turns. `None` without a method estimates the rotation if the
+    /// points determine it, or if the pivot needs it. `None` with a method estimates none: matched
+    /// points that turn get a warning, and images that show a turn are refused.
     pub rotation: Option<Rotation>,
     /// Point of the target whose displacement is stated.
     pub pivot: Pivot,
@@ -219,6 +214,14 @@ impl Rule {
         }
     }
 
+    /// Returns the pivot if the rotation is estimated, as [`Flow::set_pivot`] takes it.
+    pub const fn estimated_pivot(&self) -> Option<Pivot> {
+        match self.rotation_use() {
+            Use::Demanded | Use::Offered => Some(self.pivot),
+            Use::Refused | Use::Warned => None,
+        }
+    }
+
     /// Estimates the displacement of points with their rotation, or checks that they do not turn,
     /// and adds to `warnings`.
     ///
@@ -239,25 +242,24 @@ impl Rule {
             solution.map_err(|refusal| refusal.to_string())
         };
         // The pose takes its noise from the points' misfit, which needs no inflation.
-        let seen = pose_of(rig, &points.correspondences);
-        let turned = |pose: &Estimate, count| {
-            let pivot_mm = pivot::place_mm(self.pivot, pose, rig, &points.correspondences);
-            let pivot_mm = pivot_mm.map_err(|missed| missed.to_string())?;
-            Ok(solution(pose, pivot_mm, count))
+        let seen = PosedPoints::of(rig, &points.correspondences);
+        let turned = |posed: &PosedPoints| {
+            let pivot_mm = posed
+                .place_mm(self.pivot)
+                .map_err(|missed| missed.to_string())?;
+            Ok(solution(&posed.pose, pivot_mm, posed.observed.len()))
         };
         let used = self.rotation_use();
         match (used, seen) {
-            (Use::Demanded, Ok((pose, count))) => turned(&pose, count),
+            (Use::Demanded, Ok(posed)) => turned(&posed),
             (Use::Demanded, Err(refusal)) => {
                 Err(format!("{refusal}; without a rotation: --rotation refuse"))
             }
             (Use::Offered, seen) => {
                 let reason = match seen {
-                    Ok((pose, count)) if is_determined(&pose) => {
-                        return turned(&pose, count);
-                    }
-                    Ok((pose, _)) => {
-                        let sigma = pose.rotation_sigma_deg();
+                    Ok(posed) if is_determined(&posed.pose) => return turned(&posed),
+                    Ok(posed) => {
+                        let sigma = posed.pose.rotation_sigma_deg();
                         let largest = sigma.into_iter().fold(0.0, f64::max);
                         format!("its standard deviation would be {largest:.1} degrees")
                     }
@@ -276,8 +278,8 @@ impl Rule {
                     ..solution
                 })
             }
-            (Use::Refused | Use::Warned, Ok((pose, _))) if is_turned(&pose) => {
-                let angle = angle_deg(&pose);
+            (Use::Refused | Use::Warned, Ok(posed)) if is_turned(&posed.pose) => {
+                let angle = angle_deg(&posed.pose);
                 let unless = match points.doubts.is_empty() {
                     true => "",
                     false => ", unless the rows that do not fit the others are wrong",
@@ -331,6 +333,8 @@ impl Rule {
         match self.rotation_use() {
             Use::Offered => flow.measure_filtered_offered(filtered),
             Use::Demanded => {
+                // A laser that misses needs no measurement to be reported.
+                flow.keyframe_pivot_mm(self.pivot)?;
                 let seen = flow.measure_filtered_pose(filtered)?;
                 Ok(Offered::Pose(Box::new(seen)))
             }
@@ -419,15 +423,6 @@ fn estimate(method: Method, sums: &Sums) -> Result<Solution, Refusal> {
         points: sums.centred.points as usize,
         turn: None,
     })
-}
-
-/// Estimates the pose of the points that are in front of the cameras; returns their number, too.
-fn pose_of(rig: &Rig, points: &[Correspondence]) -> Result<(Estimate, usize), pose::Refusal> {
-    let geometry = Geometry::new(rig).map_err(|_| pose::Refusal::Degenerate)?;
-    let observed = points.iter();
-    let observed = observed.filter_map(|point| Observation::new(&geometry, &point.views));
-    let observed: Vec<Observation> = observed.collect();
-    Ok((pose::solve(&geometry, &observed)?, observed.len()))
 }
 
 fn is_turned(pose: &Estimate) -> bool {

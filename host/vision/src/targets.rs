@@ -136,7 +136,8 @@ impl TargetFlows {
                 && let Ok(seen) = seen
                 && let Ok(solution) = &seen.solution
             {
-                let relative = |(other, pose)| relative(solution, &other, pose);
+                let centroid_mm = self.flows[index].keyframe_centroid_mm();
+                let relative = |(other, pose)| relative(solution, &other, pose, centroid_mm);
                 seen.solution = against.clone().map(relative);
             }
         }

@@ -101,12 +101,12 @@ class Flow:
     ``rotation`` is "estimate" (refuse images that determine no rotation) or "refuse" (refuse a
     target that turns by more than 0.15 degrees). Default is the rig file's ``rotation``, or the
     rotation where the images determine one and the displacement alone where they do not; with a
-    ``method``, no rotation is estimated. A Flow follows any angle about z and tilts of up to 40
-    degrees. ``pivot_mm`` is the point of the target, x, y, z at the keyframe, whose displacement
-    is stated, or "centroid", or "spot" for the point that the ray of the rig file's
-    ``[laser]`` meets; default is the rig file's ``pivot``, or the centroid.
-    ``method`` is "midpoint" (default), "closed-form" or "least-squares". ``threads`` (1 to 64)
-    share the work; results do not depend on it.
+    ``method`` and no ``rotation``, none is estimated. A Flow follows any angle about z and tilts of
+    up to 40 degrees. ``pivot_mm`` is the point of the target, x, y, z at the keyframe, whose
+    displacement is stated, or "centroid", or "spot" for the point that the ray of the rig file's
+    ``[laser]`` meets; default is the rig file's ``pivot``, or the centroid. ``method`` is
+    "midpoint" (default), "closed-form" or "least-squares". ``threads`` (1 to 64) share the work;
+    results do not depend on it.
 
     One tracker may be used from several threads, which take turns; trackers of their own run in
     parallel. Raises ValueError, TypeError for wrong arguments.

@@ -136,8 +136,9 @@ class Station:
         the shutters opened, and images as for Flow.measure. The first images that can be a keyframe
         are the view to be kept; each later pair gives a Followed. Pictures that cannot be measured
         are refused there and move nothing; without new ones the stage soon stands. ``roi``,
-        ``mask``, ``rotation`` and ``pivot_mm`` as for Flow. Position and rig must be known: use
-        home or zero first.
+        ``mask``, ``rotation`` and ``pivot_mm`` as for Flow; images that determine no rotation give
+        the displacement alone, unless ``pivot_mm`` is another point than the centroid. Position and
+        rig must be known: use home or zero first.
 
         The stage is stopped when ``frames`` ends, when the loop around is left, and by an
         exception or Ctrl-C; it stays stopped until reset. Raises StationError if the station stops

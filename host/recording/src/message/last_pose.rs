@@ -1,24 +1,22 @@
 //! The last pose of a run that was recorded from the middle on, in the message of its keyframe.
 
-use super::{Measurement, Turn};
+use super::{Measurement, Outcome, Turn};
 use trinocular_vision::flow::LastPose;
 
 impl Measurement {
     /// States the last pose before the recording began, in the message of a keyframe.
     pub fn set_last_pose(&mut self, last_pose: Option<LastPose>) {
-        if let Some(last) = last_pose {
-            self.displacement_mm = last.displacement_mm;
-            self.turn = Some(Turn {
-                rotation_deg: last.rotation_deg,
-                rotation_sigma_deg: [0.0; 3],
-                pivot_mm: last.pivot_mm,
-            });
-        }
+        self.displacement_mm = last_pose.map_or([0.0; 3], |last| last.displacement_mm);
+        self.turn = last_pose.map(|last| Turn {
+            rotation_deg: last.rotation_deg,
+            rotation_sigma_deg: [0.0; 3],
+            pivot_mm: last.pivot_mm,
+        });
     }
 
     /// Returns the last pose that the message of a keyframe states.
     pub fn last_pose(&self) -> Option<LastPose> {
-        let turn = self.turn?;
+        let turn = self.turn.filter(|_| self.outcome == Outcome::Keyframe)?;
         Some(LastPose {
             rotation_deg: turn.rotation_deg,
             pivot_mm: turn.pivot_mm,
@@ -30,7 +28,6 @@ impl Measurement {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message::Outcome;
 
     #[test]
     fn last_pose_is_read_from_the_keyframe() {

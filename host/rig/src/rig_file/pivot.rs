@@ -5,24 +5,32 @@ use std::fmt::Write as _;
 use super::Laser;
 use super::field::Field;
 use crate::error::InputError;
-use crate::pivot::{Pivot, PivotChoice};
+use crate::pivot::{Pivot, PivotChoice, Rotation};
 
 /// Largest coordinate of a pivot, mm.
 const LIMIT_MM: f64 = 1e5;
 /// Treatments of a target that turns.
 const ROTATIONS: [&str; 2] = ["refuse", "estimate"];
 
-/// Reads the pivot if the rotation of the target is estimated, as by default; `None` if it is
-/// refused.
-pub(super) fn read(root: &Field<'_>, laser: Option<Laser>) -> Result<Option<Pivot>, InputError> {
-    let is_estimated = match root.optional("rotation")? {
-        None => true,
-        Some(field) => match field.text()? {
-            "refuse" => false,
-            "estimate" => true,
-            _ => return Err(field.unknown("rotation", &ROTATIONS)),
-        },
+/// Reads the treatment of a target that turns.
+pub(super) fn rotation(root: &Field<'_>) -> Result<Option<Rotation>, InputError> {
+    let Some(field) = root.optional("rotation")? else {
+        return Ok(None);
     };
+    match field.text()? {
+        "refuse" => Ok(Some(Rotation::Refuse)),
+        "estimate" => Ok(Some(Rotation::Estimate)),
+        _ => Err(field.unknown("rotation", &ROTATIONS)),
+    }
+}
+
+/// Reads the pivot unless rotations are refused.
+pub(super) fn read(
+    root: &Field<'_>,
+    rotation: Option<Rotation>,
+    laser: Option<Laser>,
+) -> Result<Option<Pivot>, InputError> {
+    let is_estimated = rotation != Some(Rotation::Refuse);
     let Some(field) = root.optional("pivot")? else {
         return Ok(is_estimated.then(Pivot::default));
     };
@@ -43,10 +51,14 @@ pub(super) fn read(root: &Field<'_>, laser: Option<Laser>) -> Result<Option<Pivo
 }
 
 /// Writes what is not the default.
-pub(super) fn write_toml(pivot: Option<Pivot>, text: &mut String) {
+pub(super) fn write_toml(rotation: Option<Rotation>, pivot: Option<Pivot>, text: &mut String) {
+    if pivot.is_none() {
+        text.push_str("rotation = \"refuse\"\n");
+    } else if rotation == Some(Rotation::Estimate) {
+        text.push_str("rotation = \"estimate\"\n");
+    }
     let _ = match pivot {
-        None => writeln!(text, "rotation = \"refuse\""),
-        Some(Pivot::Centroid) => Ok(()),
+        None | Some(Pivot::Centroid) => Ok(()),
         Some(Pivot::Place(place)) => writeln!(text, "pivot = {place:?}"),
         Some(Pivot::Spot(_)) => writeln!(text, "pivot = \"spot\""),
     };

@@ -73,8 +73,6 @@ impl Trigger {
         let period_us = 1_000_000 / rate_hz;
         // A trigger that waits leaves less time for its pulse.
         let longest = period_us - period_us / share - message::Trigger::SHORTEST_PAUSE_US;
-        let pulse = section.required("pulse_us")?;
-        let pulse_us = pulse.whole(message::Trigger::SHORTEST_PULSE_US..=longest)?;
         let active_low = flag("active_low")?;
         let longest_exposure = match between_steps {
             true => period_us.min(message::Trigger::LONGEST_QUIET_US),
@@ -84,10 +82,13 @@ impl Trigger {
             Some(field) => field.whole(0..=longest_exposure)?,
             None => 0,
         };
-        if between_steps && exposure_us == 0 {
-            // The pulse is what no motor steps in.
-            pulse.whole(0..=message::Trigger::LONGEST_QUIET_US)?;
-        }
+        // Without an exposure, no motor steps during the pulse.
+        let longest = match between_steps && exposure_us == 0 {
+            true => longest.min(message::Trigger::LONGEST_QUIET_US),
+            false => longest,
+        };
+        let pulse = section.required("pulse_us")?;
+        let pulse_us = pulse.whole(message::Trigger::SHORTEST_PULSE_US..=longest)?;
         Ok(Self {
             // At most 1000.
             rate_hz: rate_hz as u16,

@@ -173,9 +173,9 @@ impl Subscription {
         let take = move |sample: zenoh::sample::Sample| {
             sink(topic, topic.read(&sample.payload().to_bytes()));
         };
-        let key = match topic {
-            CommandTopic::Stop => node.key_of_any_type(&named),
-            CommandTopic::Reset | CommandTopic::Follow | CommandTopic::Goal => node.key(&named),
+        let key = match topic.takes_any_type() {
+            true => node.key_of_any_type(&named),
+            false => node.key(&named),
         };
         let subscriber = session.declare_subscriber(key).callback(take).wait();
         let token = node.subscription_token(number, &named);

@@ -20,14 +20,16 @@ pub struct PoseOptions {
     /// Estimate the rotation of the target, or refuse a target that turns
     ///
     /// Without this option the rig file's `rotation` counts. Without either, the rotation is
-    /// estimated if the points determine it. With --method it is not: a turn is a warning in a
-    /// points CSV, and images whose target turns are refused. Images show turns of up to 20 degrees
+    /// estimated if the points determine it. --method alone estimates none, unless it is midpoint
+    /// and the rig file has a pivot other than the centroid: a turn is then a warning in a points
+    /// CSV, and images whose target turns are refused. Images show turns of up to 20 degrees
     /// from one frame set to another, and larger ones that grow from row to row.
     #[arg(long, value_enum)]
     rotation: Option<Rotation>,
 
     /// Point of the target whose displacement is printed: centroid, spot, or its x, y, z mm at the
-    /// reference instant, in the axes and from the origin of the rig file [default: centroid]
+    /// reference instant, in the axes and from the origin of the rig file [default: the rig
+    /// file's `pivot`, or centroid]
     ///
     /// The points of a target that turns move differently. centroid is the mean of all points at
     /// the reference instant, spot the point that the ray of the rig file's `[laser]` meets then.

@@ -64,9 +64,6 @@ const COLUMNS: [&[Column]; 3] = [
     ],
 ];
 
-/// Least rotation that a row of text shows, in standard deviations; less may be noise.
-const SHOWN_SIGMAS: f64 = 4.0;
-
 /// Formats the standard deviation, the rotation if it is more than noise, and the counts of a used
 /// row.
 pub fn known(estimate: &ServoEstimate) -> String {
@@ -77,10 +74,7 @@ pub fn known(estimate: &ServoEstimate) -> String {
     let ServoEstimate {
         points, rejected, ..
     } = estimate;
-    let shown = estimate.turn.filter(|turn| {
-        let mut axes = turn.rotation_deg.iter().zip(&turn.rotation_sigma_deg);
-        axes.any(|(angle, sigma)| angle.abs() > SHOWN_SIGMAS * sigma)
-    });
+    let shown = estimate.turn.filter(|turn| turn.is_significant);
     let turned = shown.map_or(String::new(), |turn| {
         let degrees = turn.rotation_deg.map(|angle| format!("{angle:.3}"));
         format!("turned by {} deg, ", degrees.join(" "))

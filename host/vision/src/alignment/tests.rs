@@ -309,6 +309,7 @@ fn other_rigs_get_visible_offsets() {
         names: vec!["top".into(), "bottom".into()],
         rig: rig.clone(),
         stage: None,
+        rotation: None,
         pivot: Some(Pivot::Centroid),
         trigger: None,
         laser: None,

@@ -103,6 +103,7 @@ impl Calibration {
             names,
             rig,
             stage: None,
+            rotation: None,
             pivot: Some(Pivot::Centroid),
             trigger: None,
             laser: None,

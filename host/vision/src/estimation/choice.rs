@@ -6,7 +6,7 @@ use trinocular_rig::error::InputError;
 use trinocular_rig::pivot::Pivot;
 use trinocular_rig::rig_file::RigFile;
 
-use super::{Method, Rotation, Rule, Use};
+use super::{Method, Rotation, Rule};
 
 /// Choices of a caller; `None` where the rig file or the default decides.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -91,12 +91,8 @@ impl Choice {
             rotation,
             pivot: pivot.unwrap_or_default(),
         };
-        let is_estimated = match rule.rotation_use() {
-            Use::Demanded | Use::Offered => true,
-            Use::Refused | Use::Warned => false,
-        };
         match pivot {
-            Some(_) if !is_estimated => Err(Contradiction::PivotAlone),
+            Some(_) if rule.estimated_pivot().is_none() => Err(Contradiction::PivotAlone),
             _ => Ok(rule),
         }
     }
@@ -110,8 +106,8 @@ impl Choice {
                 rotation: Some(Rotation::Refuse),
                 ..self
             },
-            // The centroid is the default.
-            (None, Some(Pivot::Centroid)) => self,
+            // The defaults.
+            (None, Some(Pivot::Centroid)) if rig.rotation.is_none() => self,
             (None | Some(Rotation::Estimate), Some(pivot)) => Self {
                 rotation: Some(Rotation::Estimate),
                 pivot: self.pivot.or(Some(pivot)),
@@ -125,6 +121,7 @@ impl Choice {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::estimation::Use;
 
     const PLACE: Pivot = Pivot::Place([1.0, 2.0, 800.0]);
 
@@ -159,6 +156,11 @@ mod tests {
         let mut rig = RigFile::paper();
         let rule = Choice::default().rule(&rig).unwrap();
         assert_eq!(rule.rotation_use(), Use::Offered);
+        // What the file states holds beside a method, too.
+        let midpoint = choice(Some(Method::Midpoint), None);
+        assert_eq!(midpoint.rule(&rig).unwrap().rotation_use(), Use::Warned);
+        rig.rotation = Some(Rotation::Estimate);
+        assert_eq!(midpoint.rule(&rig).unwrap().rotation_use(), Use::Demanded);
         rig.pivot = None;
         let rule = Choice::default().rule(&rig).unwrap();
         assert_eq!(rule.rotation_use(), Use::Refused);

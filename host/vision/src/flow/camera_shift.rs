@@ -130,15 +130,15 @@ mod tests {
         assert_eq!(found(None), None);
     }
 
-    /// The motion of 30 mm is 17 px in the image.
+    /// The motion of 30 mm is 19 px in the image, across the baseline.
     #[test]
     fn wrong_focal_length_is_no_shift() {
         let cloud = Cloud::new();
-        let displaced = |_: usize, [x, y, z]: [f64; 3]| [x + 30.0, y, z];
+        let displaced = |_: usize, [x, y, z]: [f64; 3]| [x, y + 30.0, z];
         let mut points = cloud.points(displaced, independent(0.0, 3));
         for view in points.iter_mut().map(|point| &mut point.views[0]) {
-            view.start = view.start.map(|at| 1.003 * at);
-            view.end = view.end.map(|at| 1.003 * at);
+            view.start = view.start.map(|at| 1.005 * at);
+            view.end = view.end.map(|at| 1.005 * at);
         }
         let found = CameraShift::find(&cloud.geometry.rig, &[0, 1, 2], &points);
         assert_eq!(found, None);

@@ -1,6 +1,7 @@
 //! The last pose of a target that turns, from which the next search begins.
 
 use super::Flow;
+use super::offered::is_significant;
 use crate::matching::geometry::RigGeometry;
 use trinocular_core::estimate::pose::Estimate;
 
@@ -24,7 +25,11 @@ impl LastPose {
     pub(super) fn of(pose: &Estimate) -> Self {
         let pivot_mm = pose.centroid_mm;
         Self {
-            rotation_deg: pose.rotation_deg(),
+            // No search begins at what may be noise.
+            rotation_deg: match is_significant(pose) {
+                true => pose.rotation_deg(),
+                false => [0.0; 3],
+            },
             pivot_mm,
             displacement_mm: pose.displacement_of(pivot_mm).displacement_mm,
         }

@@ -94,6 +94,8 @@ pub struct TargetTurn {
     pub covariance_mm2: [[f64; 3]; 3],
     /// Standard deviation of one normalised coordinate, dimensionless.
     pub sigma: f64,
+    /// True if noise imitates the rotation in less than one of 1,000 cases.
+    pub is_significant: bool,
 }
 
 impl Measurement {

@@ -11,7 +11,7 @@
 
 use super::region::{Region, Regions};
 use super::{
-    Correspondence, FilteredFrameSet, Flow, FlowRefusal, FlowSettings, Measurement,
+    Correspondence, FilteredFrameSet, Flow, FlowRefusal, FlowSettings, Measurement, Offered,
     PoseMeasurement, RejectedPoint, StageObserver,
 };
 use crate::images::Image;
@@ -172,6 +172,16 @@ impl PoseMeasurement {
         self.correspondences = enlarged(self.correspondences);
         enlarge(&mut self.rejected_points);
         self
+    }
+}
+
+impl Offered {
+    /// Returns the measurement with pixels of images of twice the size.
+    pub(super) fn enlarged(self) -> Self {
+        match self {
+            Self::Pose(seen) => Self::Pose(Box::new(seen.enlarged())),
+            Self::Displacement(seen) => Self::Displacement(Box::new(seen.enlarged())),
+        }
     }
 }
 

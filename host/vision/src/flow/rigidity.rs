@@ -52,7 +52,7 @@ impl Rigidity {
         })
     }
 
-    /// Does the same for a target that does not turn, in a tenth of the time.
+    /// Does the same for a target that does not turn, by the fastest stage of the pose.
     pub(super) fn of_still(
         geometry: &RigGeometry,
         inliers: &[Correspondence],

@@ -38,9 +38,9 @@ use super::{
     TargetTurn,
 };
 use crate::images::FrameSet;
-use crate::matching::RejectCounts;
 use crate::matching::stereo::StereoMatch;
 use crate::matching::zncc::ZnccPlane;
+use crate::matching::{Reject, RejectCounts};
 use crate::rigid;
 use consensus::{RigidConsensus, rigid_consensus};
 use corners::PosedCorners;
@@ -73,7 +73,8 @@ pub struct PoseMeasurement {
     pub refused_cameras: Vec<(usize, CameraRefusal)>,
     /// Number of points left out, by reason; those of the keyframe included.
     pub rejected: RejectCounts,
-    /// Matched points of the keyframe that were left out, each with its place and reason.
+    /// Matched points of the keyframe that were left out, each with its place and reason; those
+    /// behind a camera have no place and are not here.
     pub rejected_points: Vec<RejectedPoint>,
     /// Inflation of the variances by correlated errors.
     pub variance_inflation: VarianceInflation,
@@ -98,6 +99,7 @@ impl PoseMeasurement {
                 pivot_mm,
                 covariance_mm2: there.covariance_mm2,
                 sigma: self.pose.sigma,
+                is_significant: offered::is_significant(&self.pose),
             }),
         }
     }
@@ -126,9 +128,20 @@ impl Flow {
             let measured = reduced.measure_filtered_pose(&reduced.halved(now));
             return measured.map(PoseMeasurement::enlarged);
         }
+        let alone = self.displacement_if_still(now);
+        self.pose_of(now, alone.as_ref())
+    }
+
+    /// Measures the pose: from the displacement `alone` if that was measured and the target does
+    /// not turn.
+    fn pose_of(
+        &mut self,
+        now: &FilteredFrameSet,
+        alone: Option<&Result<Measurement, FlowRefusal>>,
+    ) -> Result<PoseMeasurement, FlowRefusal> {
         let keyframe = self.keyframe.as_ref().ok_or(FlowRefusal::NoKeyframe)?;
-        if self.last_pose.is_none_or(|last| last.is_still())
-            && let Some(still) = self.still_pose(now)
+        if let Some(Ok(alone)) = alone
+            && let Some(still) = self.still_pose(alone)
         {
             self.last_pose = Some(LastPose::of(&still.pose));
             return Ok(still);
@@ -141,8 +154,8 @@ impl Flow {
     }
 
     /// Tracks the keyframe's points into the frame set `now`: near the last pose if the target has
-    /// turned far, and then from nothing, or the other way round. The result also names a camera
-    /// that is not synchronised with the others.
+    /// turned far, then from nothing, and if that finds nothing near a last pose that is not far.
+    /// The result also names a camera that is not synchronised with the others.
     ///
     /// # Errors
     /// [`FlowRefusal`] for reasons that no single camera can cause.
@@ -256,20 +269,16 @@ impl Flow {
             };
             let matches = keyframe.matches.iter().collect();
             let tracked = self.thread_pool.map(matches, track);
-            let pairs = keyframe.matches.iter().zip(&tracked);
-            let lost = pairs.filter_map(|(matched, point)| {
-                let reason = point.as_ref().err()?;
-                Some(RejectedPoint {
-                    pixels: predictor.expected_pixels(matched)?,
-                    reason: *reason,
-                })
-            });
-            let lost: Vec<RejectedPoint> = lost.collect();
+            let reasons: Vec<Option<Reject>> = tracked
+                .iter()
+                .map(|point| point.as_ref().err().copied())
+                .collect();
             let tracks = Tracks::of(keyframe, tracked);
             tracks.enough(least)?;
-            Ok((tracks, lost))
+            Ok((tracks, reasons))
         };
-        let (mut tracks, mut lost) = track_all(rough)?;
+        let mut pose = *rough;
+        let (mut tracks, mut reasons) = track_all(&pose)?;
         let agreed = |tracks: &Tracks, far_px: f64, least_px: f64| {
             let far = far_px / geometry.focal_px;
             let start = rigid::motion(&geometry.arms, &tracks.observed(geometry), far);
@@ -279,10 +288,23 @@ impl Flow {
         };
         let mut found = agreed(&tracks, ROUGH_FAR_PX, ROUGH_INLIER_PX)?;
         for _ in 0..ROUNDS {
-            (tracks, lost) = track_all(&found.model)?;
+            pose = found.model;
+            (tracks, reasons) = track_all(&pose)?;
             found = agreed(&tracks, FAR_PX, self.settings.min_inlier_px)?;
         }
-        Ok((tracks, found, lost))
+        let predictor = Predictor {
+            geometry,
+            pose: &pose,
+            surface,
+        };
+        let lost = keyframe.matches.iter().zip(reasons);
+        let lost = lost.filter_map(|(matched, reason)| {
+            Some(RejectedPoint {
+                pixels: predictor.expected_pixels(matched)?,
+                reason: reason?,
+            })
+        });
+        Ok((tracks, found, lost.collect()))
     }
 
     /// Finds an unsynchronised camera that keeps points from agreeing, as

@@ -5,8 +5,9 @@ use crate::flow::offered::SIGNIFICANT;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use trinocular_core::estimate::pose::Estimate;
 
-/// Returns the motion of a target relative to the reference, whose pose is `pose` if rotations are
-/// estimated.
+/// Returns the motion of a target relative to the reference, whose pose is `pose` if its rotation
+/// was estimated. `centroid_mm` is the mean of the target's points at the keyframe: the pivot of a
+/// target whose rotation was not.
 ///
 /// Without rotations it is the difference of the displacements. Otherwise it is the motion in axes
 /// that are fixed to the reference, of which `R` is the rotation and `d_r(p)` the displacement that
@@ -21,9 +22,10 @@ pub(super) fn relative(
     target: &Solution,
     reference: &Solution,
     pose: Option<Estimate>,
+    centroid_mm: Option<[f64; 3]>,
 ) -> Solution {
-    let pivot_mm = target.turn.and_then(|turn| turn.pivot_mm);
-    let (Some(pose), Some(pivot_mm), Some(turn)) = (pose, pivot_mm, target.turn) else {
+    let own_mm = target.turn.and_then(|turn| turn.pivot_mm);
+    let (Some(pose), Some(pivot_mm)) = (pose, own_mm.or(centroid_mm)) else {
         return difference(target, reference);
     };
     let axes = Rotation3::from_scaled_axis(Vector3::from(pose.rotation_rad())).inverse();
@@ -36,7 +38,7 @@ pub(super) fn relative(
         target,
         (axes * moved).into(),
         covariance_mm2,
-        Some(relative_turn(&axes, turn, &pose)),
+        target.turn.map(|turn| relative_turn(&axes, turn, &pose)),
     )
 }
 
@@ -98,4 +100,34 @@ fn rows(matrix: Matrix3<f64>) -> [[f64; 3]; 3] {
 /// Returns a covariance in turned axes.
 fn turned(axes: &Rotation3<f64>, covariance: Matrix3<f64>) -> [[f64; 3]; 3] {
     rows(axes * covariance * axes.inverse())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A small target whose rotation is not determined, on a reference that tilts by 0.6 degrees.
+    #[test]
+    fn target_without_rotation_follows_reference() {
+        let centroid_mm = [80.0, 0.0, 850.0];
+        let omega = [0.0, 0.3f64.to_radians().tan(), 0.0];
+        let pose = Estimate::exact(omega, [0.0, 0.0, 850.0], [1.0, 2.0, 3.0]);
+        let at = |place_mm| Solution {
+            displacement_mm: pose.displacement_of(place_mm).displacement_mm,
+            sigma_mm: None,
+            covariance_mm2: Some([[1e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 1e-6]]),
+            points: 20,
+            turn: Some(Turn::default()),
+        };
+        let (target, reference) = (at(centroid_mm), at([0.0, 0.0, 850.0]));
+        let moved = relative(&target, &reference, Some(pose), Some(centroid_mm));
+        assert!(
+            moved.displacement_mm.iter().all(|mm| mm.abs() < 1e-9),
+            "{moved:?}"
+        );
+        assert_eq!(moved.turn, target.turn);
+        // The reference moves by 0.8 mm less in z.
+        let apart = difference(&target, &reference).displacement_mm[2];
+        assert!((apart.abs() - 0.84).abs() < 0.01, "{apart}");
+    }
 }

@@ -135,6 +135,7 @@ impl Estimate {
         let place = about + cayley::matrix(&then) * (arrived - about);
         Self {
             first: self.first,
+            centroid_mm: self.centroid_mm,
             ..Self::exact(sum.into(), self.middle_mm, (place - middle).into())
         }
     }
@@ -154,11 +155,7 @@ impl Estimate {
 
     /// Returns the rotation matrix `R`, row by row.
     pub fn rotation(&self) -> [[f64; 3]; 3] {
-        let rest = cayley::matrix(&self.cayley());
-        match self.first.is_none() {
-            true => rows(&rest),
-            false => rows(&(rest * self.first.matrix())),
-        }
+        rows(&(cayley::matrix(&self.cayley()) * self.first.matrix()))
     }
 
     /// Returns the translation `t` of `p1 = R p0 + t`, mm: the displacement of the target's point
@@ -184,11 +181,8 @@ impl Estimate {
 
     fn displacement(&self, pivot_mm: [f64; 3]) -> Vector3<f64> {
         let turned_mm = self.first.place(pivot_mm);
-        let rest = self.displacement_of_turned(turned_mm);
-        match self.first.is_none() {
-            true => rest,
-            false => rest + (Vector3::from(turned_mm) - Vector3::from(pivot_mm)),
-        }
+        let first = Vector3::from(turned_mm) - Vector3::from(pivot_mm);
+        self.displacement_of_turned(turned_mm) + first
     }
 
     /// Returns the displacement of a point after the first turn, mm.
@@ -249,8 +243,9 @@ impl Estimate {
         let half = cayley::half_inverse(&omega);
         let turned_mm = self.first.place(pivot_mm);
         let arm = Vector3::from(turned_mm) - Vector3::from(self.middle_mm);
-        let displacement = self.displacement(pivot_mm);
-        let lever = (2.0 * arm + self.displacement_of_turned(turned_mm)).cross_matrix();
+        let rest = half * (Vector3::from(self.s_mm) + 2.0 * omega.cross(&arm));
+        let displacement = rest + (Vector3::from(turned_mm) - Vector3::from(pivot_mm));
+        let lever = (2.0 * arm + rest).cross_matrix();
         let mut derivative = Matrix3x6::zeros();
         derivative.fixed_view_mut::<3, 3>(0, 0).copy_from(&half);
         derivative

@@ -31,7 +31,7 @@
 //! A half turn has no Cayley vector. If the image has turned by more than 90°, all points of the
 //! keyframe are turned about the cameras' axis first, by a multiple of 90° ([`QuarterTurn`]), and
 //! the rotation that is left is estimated. Rotations about z may therefore be of any size (tests
-//! `turn_about_z_is_exact_at_any_angle` and `pose_reaches_bound_at_any_turn_about_z`).
+//! `turn_about_z_is_exact_at_any_angle` and `pose_reaches_bound_after_90_to_180_degrees`).
 //!
 //! # Accuracy
 //!

@@ -81,6 +81,7 @@ pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
         names,
         rig,
         stage,
+        rotation: None,
         pivot: Some(Pivot::Centroid),
         trigger: None,
         laser: None,

@@ -25,10 +25,11 @@ pub(crate) fn is_determined(pose: &Estimate) -> bool {
 /// Measurement of a target that may turn.
 #[derive(Clone, Debug)]
 pub enum Offered {
-    /// The points determine the rotation.
+    /// Displacement and rotation: the points determine the rotation, or the displacement alone was
+    /// refused.
     Pose(Box<PoseMeasurement>),
-    /// The points determine the displacement alone, and the target does not turn by more than 0.15
-    /// degrees.
+    /// The displacement alone: the points determine no rotation, and none is certain that exceeds
+    /// [`FlowSettings::max_rotation_deg`](crate::flow::FlowSettings::max_rotation_deg).
     Displacement(Box<Measurement>),
 }
 
@@ -42,10 +43,17 @@ impl Flow {
         &mut self,
         now: &FilteredFrameSet,
     ) -> Result<Offered, FlowRefusal> {
-        let refusal = match self.measure_filtered_pose(now) {
+        if let Some(reduced) = &mut self.reduced {
+            let seen = reduced.measure_filtered_offered(&reduced.halved(now));
+            return seen.map(Offered::enlarged);
+        }
+        let mut alone = self.displacement_if_still(now);
+        let pose = self.pose_of(now, alone.as_ref());
+        let mut alone = || (alone.take()).unwrap_or_else(|| self.measure_filtered(now, &mut ()));
+        let refusal = match pose {
             Ok(seen) if is_determined(&seen.pose) => return Ok(Offered::Pose(Box::new(seen))),
             Ok(seen) => {
-                return Ok(match self.measure_filtered(now, &mut ()) {
+                return Ok(match alone() {
                     Ok(alone) => Offered::Displacement(Box::new(alone)),
                     Err(_) => Offered::Pose(Box::new(seen)),
                 });
@@ -54,7 +62,7 @@ impl Flow {
         };
         match refusal {
             FlowRefusal::FewTracks { .. } | FlowRefusal::NoAgreement { .. } => {
-                let alone = self.measure_filtered(now, &mut ()).map_err(|_| refusal)?;
+                let alone = alone().map_err(|_| refusal)?;
                 Ok(Offered::Displacement(Box::new(alone)))
             }
             refusal => Err(refusal),
