@@ -4,7 +4,7 @@ use super::scene::{LINE, PIVOT_MM, POSTER, RELIEF, Scene};
 use nalgebra::{Rotation3, Vector3};
 use proptest::prelude::*;
 use trinocular_core::estimate::midpoint;
-use trinocular_core::estimate::pose::{self, Estimate, Noise, Observation, Refusal};
+use trinocular_core::estimate::pose::{self, Estimate, Noise, Observation, Parts, Point, Refusal};
 use trinocular_core::sums::centred::CentredSums;
 use trinocular_rig::random::Random;
 use trinocular_tests::points::ideal_rig;
@@ -236,4 +236,53 @@ fn undetermined_rotations_are_refused() {
     // A half turn about an axis across z has no Cayley vector, whatever quarter turn comes first.
     let half = Scene::new(&LINE, RELIEF, 20, random).moved([1.0; 3], [0.3, 1.0, 0.0], 180.0);
     assert_eq!(solve(&half.exact()), Some(Refusal::Degenerate));
+}
+
+/// The pose of all parts together is that of all points, and each part has the exact one.
+#[test]
+fn parts_have_pose_of_the_whole() {
+    for (axis, degrees) in [([0.2, -0.7, 0.4], 12.0), ([0.1, 0.1, 1.0], 130.0)] {
+        let random = &mut Random::seeded(5);
+        let moved = [3.0, -8.0, 20.0];
+        let scene = Scene::new(&LINE, RELIEF, 40, random).moved(moved, axis, degrees);
+        let observations = scene.exact();
+        let whole = pose::solve(&scene.geometry, &observations).unwrap();
+        let parts = Parts::of(whole.first, &scene.geometry, &observations).unwrap();
+        let points: Option<Vec<Point>> = observations.iter().map(|o| parts.point(o)).collect();
+        let points = points.unwrap();
+        let together = parts.solve(points.iter()).unwrap();
+        for part in [&points[..], &points[..20], &points[20..]] {
+            let pose = parts.solve(part.iter()).unwrap();
+            let off = largest(pose.displacement_of(PIVOT_MM).displacement_mm, moved);
+            assert!(off < 1e-8, "{off} mm");
+            let off = largest(pose.rotation_rad(), whole.rotation_rad());
+            assert!(off < 1e-10, "{off} rad");
+        }
+        assert!(largest(together.centroid_mm, whole.centroid_mm) < 1e-9);
+        assert!(parts.solve(points[..2].iter()).is_err());
+    }
+}
+
+/// With noise, the covariance of all parts together is that of all points.
+#[test]
+fn parts_have_covariance_of_the_whole() {
+    let random = &mut Random::seeded(6);
+    let scene = Scene::new(&LINE, RELIEF, 60, random).moved([1.0, 2.0, 3.0], [0.3, 0.5, 0.4], 9.0);
+    let observations = scene.noisy(0.05, random);
+    let whole = pose::solve(&scene.geometry, &observations).unwrap();
+    let parts = Parts::of(whole.first, &scene.geometry, &observations).unwrap();
+    let points: Vec<Point> = observations.iter().filter_map(|o| parts.point(o)).collect();
+    let together = parts.solve(points.iter()).unwrap();
+    for (row, wanted) in together.covariance.iter().zip(whole.covariance) {
+        for (value, wanted) in row.iter().zip(wanted) {
+            assert!(
+                (value - wanted).abs() <= 1e-9 * wanted.abs(),
+                "{value} {wanted}"
+            );
+        }
+    }
+    // Half of the points have twice the variance, roughly.
+    let half = parts.solve(points[..30].iter()).unwrap();
+    let ratio = half.covariance[2][2] / whole.covariance[2][2];
+    assert!(ratio > 1.3 && ratio < 4.0, "{ratio}");
 }

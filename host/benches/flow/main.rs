@@ -1,7 +1,8 @@
 //! Speed and accuracy of the flow beside those of optical-flow-lk, imageproc and OpenCV, on images
 //! whose true flow is known.
 //!
-//! `cargo run --release --manifest-path host/benches/flow/Cargo.toml [-- ROUNDS]`. OpenCV takes part
+//! `cargo run --release --manifest-path host/benches/flow/Cargo.toml [-- [turning] ROUNDS]`, where
+//! `turning` prints the last table alone. OpenCV takes part
 //! if `$PYTHON` (or `python3`) has `cv2`. All programs take turns, round by round, so that other
 //! load of the machine affects all of them alike. Compare the least times.
 
@@ -10,6 +11,7 @@ mod bound;
 mod opencv;
 mod peers;
 mod scene;
+mod turning;
 
 use std::time::Instant;
 
@@ -42,6 +44,9 @@ fn main() {
         .skip(1)
         .find_map(|argument| argument.parse().ok());
     let rounds = given.unwrap_or(7);
+    if std::env::args().any(|argument| argument == "turning") {
+        return turning::table(rounds);
+    }
     let small = |name, disparity_px| Scene {
         name,
         size_px: [320, 240],
@@ -81,6 +86,7 @@ fn main() {
         };
         alone(&scene, threads, rounds);
     }
+    turning::table(rounds);
 }
 
 fn stages() -> String {

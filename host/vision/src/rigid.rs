@@ -38,7 +38,7 @@ pub fn motion(geometry: &Geometry, all: &[Observation], far: f64) -> Option<Esti
         Some((score, pose))
     });
     let (_, mut best) = samples.min_by(|(a, _), (b, _)| a.total_cmp(b))?;
-    for _ in 0..ROUNDS {
+    for round in 1..=ROUNDS {
         let off: Vec<f64> = all.iter().map(|o| distance(geometry, &best, o)).collect();
         let mut sorted = off.clone();
         let (_, median, _) = sorted.select_nth_unstable_by(all.len() / 2, f64::total_cmp);
@@ -46,7 +46,11 @@ pub fn motion(geometry: &Geometry, all: &[Observation], far: f64) -> Option<Esti
         let limit = NEAR * median.max(1e-9);
         let near = all.iter().zip(&off).filter(|(_, off)| **off <= limit);
         let near: Vec<Observation> = near.map(|(observation, _)| *observation).collect();
-        best = pose::solve(geometry, &near).unwrap_or(best);
+        let solve = match round == ROUNDS {
+            true => pose::solve,
+            false => pose::plain,
+        };
+        best = solve(geometry, &near).unwrap_or(best);
     }
     Some(best)
 }

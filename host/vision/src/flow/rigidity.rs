@@ -21,7 +21,7 @@ use super::Correspondence;
 use crate::matching::geometry::RigGeometry;
 use halves::halves;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
-use trinocular_core::estimate::pose::{self, Estimate, Observation, QuarterTurn};
+use trinocular_core::estimate::pose::{Estimate, Observation, Parts, Point, QuarterTurn};
 
 /// `χ²` above which the halves are different objects for certain.
 const CERTAIN: f64 = 100.0;
@@ -47,9 +47,9 @@ impl Rigidity {
         first: QuarterTurn,
         factor: f64,
     ) -> Self {
-        Self::by(geometry, inliers, factor, |half| {
-            pose::solve_after(first, &geometry.arms, half).ok()
-        })
+        let observed = Observed::of(geometry, inliers);
+        let parts = Parts::of(first, &geometry.arms, &observed.all());
+        observed.compare(parts.ok(), factor)
     }
 
     /// Does the same for a target that does not turn, by the fastest stage of the pose.
@@ -58,29 +58,9 @@ impl Rigidity {
         inliers: &[Correspondence],
         factor: f64,
     ) -> Self {
-        Self::by(geometry, inliers, factor, |half| {
-            pose::plain(&geometry.arms, half).ok()
-        })
-    }
-
-    fn by(
-        geometry: &RigGeometry,
-        inliers: &[Correspondence],
-        factor: f64,
-        solve: impl Fn(&[Observation]) -> Option<Estimate>,
-    ) -> Self {
-        let solve = |half: Vec<usize>| {
-            let views = half.iter().map(|i| &inliers[*i].views);
-            let seen = views.filter_map(|views| Observation::new(&geometry.arms, views));
-            solve(&seen.collect::<Vec<_>>())
-        };
-        let compared = halves(geometry, inliers).into_iter().filter_map(|halves| {
-            let [a, b] = halves.map(solve);
-            difference(&a?, &b?)
-        });
-        Self {
-            chi_squared: compared.fold(0.0, f64::max) / factor,
-        }
+        let observed = Observed::of(geometry, inliers);
+        let parts = Parts::of_still(&geometry.arms, &observed.all());
+        observed.compare(parts.ok(), factor)
     }
 
     /// Returns true if the inliers are of more than one object.
@@ -93,6 +73,45 @@ impl Rigidity {
         match self.chi_squared > SIGNIFICANT {
             true => self.chi_squared / FREEDOM,
             false => 1.0,
+        }
+    }
+}
+
+/// Inliers as the estimator sees them, and their halves.
+struct Observed {
+    each: Vec<Option<Observation>>,
+    halves: [[Vec<usize>; 2]; 5],
+}
+
+impl Observed {
+    fn of(geometry: &RigGeometry, inliers: &[Correspondence]) -> Self {
+        let observe = |point: &Correspondence| Observation::new(&geometry.arms, &point.views);
+        Self {
+            each: inliers.iter().map(observe).collect(),
+            halves: halves(geometry, inliers),
+        }
+    }
+
+    fn all(&self) -> Vec<Observation> {
+        self.each.iter().flatten().copied().collect()
+    }
+
+    fn compare(&self, parts: Option<Parts<'_>>, factor: f64) -> Rigidity {
+        let compared = parts.map_or(0.0, |parts| {
+            let share = |seen: &Option<Observation>| parts.point(seen.as_ref()?);
+            let points: Vec<Option<Point>> = self.each.iter().map(share).collect();
+            let solve = |half: &Vec<usize>| {
+                let half = half.iter().filter_map(|i| points.get(*i)?.as_ref());
+                parts.solve(half).ok()
+            };
+            let compared = self
+                .halves
+                .each_ref()
+                .map(|[a, b]| difference(&solve(a)?, &solve(b)?));
+            compared.into_iter().flatten().fold(0.0, f64::max)
+        });
+        Rigidity {
+            chi_squared: compared / factor,
         }
     }
 }

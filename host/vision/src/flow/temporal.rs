@@ -190,17 +190,16 @@ impl TemporalMatcher<'_> {
         Some((found.at.map(|c| f64::from(c) * scale), found.zncc))
     }
 
-    /// Tracks a corner of the reference camera at `level` as [`Self::track_corner`] does, with the
-    /// window of a turned surface. `warp` takes offsets in the image now to offsets in the
-    /// keyframe's image, at full resolution.
-    pub(super) fn track_turned_corner(
+    /// Tracks the window of the keyframe at `at` in camera `k` from `start` on, at `level`. `warp`
+    /// takes offsets in the image now to offsets in the keyframe's image, at full resolution.
+    /// Returns pixel and zncc.
+    pub(super) fn track_turned_at(
         &self,
         level: usize,
-        at: [f64; 2],
-        start: [f64; 2],
+        k: usize,
+        [at, start]: [[f64; 2]; 2],
         warp: &PlaneWarp,
     ) -> Option<([f64; 2], f32)> {
-        let k = self.geometry.reference;
         let scale = (1 << level) as f64;
         let on_level = |pixel: [f64; 2]| pixel.map(|c| (c / scale) as f32);
         let [before, now] = [self.before, self.now].map(|p| p[k].level(level));

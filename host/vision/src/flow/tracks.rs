@@ -2,9 +2,7 @@
 
 use super::keyframe::ActiveKeyframe;
 use super::{Correspondence, FlowRefusal};
-use crate::matching::geometry::RigGeometry;
 use crate::matching::{Reject, RejectCounts};
-use trinocular_core::estimate::pose::Observation;
 
 /// Tracked points, and the numbers of those that were not.
 #[derive(Clone, Debug)]
@@ -64,11 +62,5 @@ impl Tracks {
             expected: self.expected,
             median_px,
         }
-    }
-
-    /// Returns what the pose estimator sees of the points.
-    pub(super) fn observed(&self, geometry: &RigGeometry) -> Vec<Observation> {
-        let observe = |point: &Correspondence| Observation::new(&geometry.arms, &point.views);
-        self.points.iter().filter_map(observe).collect()
     }
 }

@@ -3,11 +3,12 @@
 //! The search for a displacement, in images turned about z by one angle after another, finds where
 //! the points are, roughly. The pose that most of them agree on predicts every point again, with
 //! the window that a turned surface shows: each point has its own depth, and the surface through it
-//! is parallel to the plane of all points. The points are tracked again from there, twice, until
-//! their windows fit the pose.
+//! is parallel to the plane of all points. The points are tracked from there at half of the
+//! resolution, and then at full resolution, once more if their windows do not fit the pose yet.
 //!
 //! ```text
-//! search -> tracks -> consensus -> (turned windows -> tracks -> consensus) twice -> pose
+//! search -> coarse turned windows -> tracks -> consensus
+//!        -> (turned windows -> tracks -> consensus) once or twice -> pose
 //! ```
 //!
 //! A target that does not turn is measured as by its displacement alone (`still`).
@@ -41,7 +42,6 @@ use crate::images::FrameSet;
 use crate::matching::stereo::StereoMatch;
 use crate::matching::zncc::ZnccPlane;
 use crate::matching::{Reject, RejectCounts};
-use crate::rigid;
 use consensus::{RigidConsensus, rigid_consensus};
 use corners::PosedCorners;
 use predictor::{Predictor, Surface};
@@ -49,16 +49,13 @@ use search::RoughPose;
 use trinocular_core::estimate::pose::Estimate;
 use turned_back::TurnedBack;
 
-/// Rounds of tracking with turned windows.
+/// Most rounds of tracking with turned windows at full resolution.
 const ROUNDS: usize = 2;
-/// Least limit of an inlier's residual in the first consensus, px: windows that are not turned yet
-/// are followed less well.
+/// Least limit of an inlier's residual in the first consensus, px: coarse windows are followed less
+/// well.
 const ROUGH_INLIER_PX: f64 = 0.5;
-/// Distance beyond which a point counts as simply wrong in the first consensus, px. With a larger
-/// one, a blend of two objects would be nearer to all points than the pose of either.
-const ROUGH_FAR_PX: f64 = 2.0;
-/// The same in a consensus of turned windows.
-const FAR_PX: f64 = 0.5;
+/// Most points that are tracked in coarse windows: enough for a pose that draws the finer ones.
+const MOST_COARSE: usize = 120;
 
 /// Displacement and rotation of the target since the keyframe, and its points.
 #[derive(Clone, Debug)]
@@ -256,55 +253,86 @@ impl Flow {
         rough: &Estimate,
     ) -> Result<(Tracks, RigidConsensus, Vec<RejectedPoint>), FlowRefusal> {
         let geometry = matcher.geometry;
-        let least = self.settings.min_points;
-        let track_all = |pose: &Estimate| {
-            let predictor = Predictor {
-                geometry,
-                pose,
-                surface,
-            };
-            let track = |matched: &StereoMatch| {
-                let point = predictor.track(matcher, matched)?;
-                self.unmasked(&keyframe.active.cameras, point)
-            };
-            let matches = keyframe.matches.iter().collect();
-            let tracked = self.thread_pool.map(matches, track);
-            let reasons: Vec<Option<Reject>> = tracked
-                .iter()
-                .map(|point| point.as_ref().err().copied())
-                .collect();
-            let tracks = Tracks::of(keyframe, tracked);
-            tracks.enough(least)?;
-            Ok((tracks, reasons))
-        };
-        let mut pose = *rough;
-        let (mut tracks, mut reasons) = track_all(&pose)?;
-        let agreed = |tracks: &Tracks, far_px: f64, least_px: f64| {
-            let far = far_px / geometry.focal_px;
-            let start = rigid::motion(&geometry.arms, &tracks.observed(geometry), far);
-            start
-                .and_then(|start| rigid_consensus(geometry, tracks, start, least_px))
-                .ok_or_else(|| tracks.no_agreement(0, f64::NAN))
-        };
-        let mut found = agreed(&tracks, ROUGH_FAR_PX, ROUGH_INLIER_PX)?;
-        for _ in 0..ROUNDS {
-            pose = found.model;
-            (tracks, reasons) = track_all(&pose)?;
-            found = agreed(&tracks, FAR_PX, self.settings.min_inlier_px)?;
-        }
-        let predictor = Predictor {
+        let rough = Predictor {
             geometry,
-            pose: &pose,
+            pose: rough,
             surface,
         };
-        let lost = keyframe.matches.iter().zip(reasons);
-        let lost = lost.filter_map(|(matched, reason)| {
-            Some(RejectedPoint {
-                pixels: predictor.expected_pixels(matched)?,
-                reason: reason?,
-            })
-        });
-        Ok((tracks, found, lost.collect()))
+        let mut pose = self.agreed_roughly(keyframe, matcher, &rough)?;
+        let mut rounds = 0;
+        loop {
+            let drawn = Predictor {
+                geometry,
+                pose: &pose,
+                surface,
+            };
+            let (tracks, reasons) = self.tracked(keyframe, |matched| {
+                let point = drawn.track(matcher, matched)?;
+                self.unmasked(&keyframe.active.cameras, point)
+            })?;
+            let found =
+                rigid_consensus(geometry, &tracks.points, pose, self.settings.min_inlier_px)
+                    .ok_or_else(|| tracks.no_agreement(0, f64::NAN))?;
+            rounds += 1;
+            if rounds == ROUNDS || drawn.turns_as(&found.model, keyframe.matches) {
+                let lost = keyframe.matches.iter().zip(reasons);
+                let lost = lost.filter_map(|(matched, reason)| {
+                    Some(RejectedPoint {
+                        pixels: drawn.expected_pixels(matched)?,
+                        reason: reason?,
+                    })
+                });
+                let lost = lost.collect();
+                return Ok((tracks, found, lost));
+            }
+            pose = found.model;
+        }
+    }
+
+    /// Finds the pose that most points agree on, with windows turned by a rough pose. Windows of
+    /// a coarse level suffice, unless only full resolution has texture.
+    fn agreed_roughly(
+        &self,
+        keyframe: &ActiveKeyframe<'_>,
+        matcher: &TemporalMatcher<'_>,
+        rough: &Predictor<'_>,
+    ) -> Result<Estimate, FlowRefusal> {
+        let geometry = matcher.geometry;
+        let share = keyframe.matches.len().div_ceil(MOST_COARSE);
+        let matches: Vec<&StereoMatch> = keyframe.matches.iter().step_by(share).collect();
+        let tried = matches.len();
+        let track = |matched: &StereoMatch| rough.track_coarse(matcher, matched).ok();
+        let points = self.thread_pool.map(matches, track);
+        let points: Vec<Correspondence> = points.into_iter().flatten().collect();
+        if 2 * points.len() >= tried
+            && let Some(found) = consensus::from_nothing(geometry, &points, ROUGH_INLIER_PX)
+        {
+            return Ok(found.model);
+        }
+        let (tracks, _) = self.tracked(keyframe, |matched| rough.track(matcher, matched))?;
+        let found = consensus::from_nothing(geometry, &tracks.points, ROUGH_INLIER_PX);
+        let found = found.ok_or_else(|| tracks.no_agreement(0, f64::NAN))?;
+        Ok(found.model)
+    }
+
+    /// Tracks all points by `track`. Also returns why points were not found.
+    ///
+    /// # Errors
+    /// [`FlowRefusal::FewTracks`].
+    fn tracked(
+        &self,
+        keyframe: &ActiveKeyframe<'_>,
+        track: impl Fn(&StereoMatch) -> Result<Correspondence, Reject> + Sync,
+    ) -> Result<(Tracks, Vec<Option<Reject>>), FlowRefusal> {
+        let matches = keyframe.matches.iter().collect();
+        let tracked = self
+            .thread_pool
+            .map(matches, |matched: &StereoMatch| track(matched));
+        let reasons = tracked.iter().map(|point| point.as_ref().err().copied());
+        let reasons = reasons.collect();
+        let tracks = Tracks::of(keyframe, tracked);
+        tracks.enough(self.settings.min_points)?;
+        Ok((tracks, reasons))
     }
 
     /// Finds an unsynchronised camera that keeps points from agreeing, as
@@ -325,9 +353,7 @@ impl Flow {
         let track = |matched: &StereoMatch| predictor.track_per_camera(matcher, matched);
         let matches = keyframe.matches.iter().collect();
         let tracks = Tracks::of(keyframe, self.thread_pool.map(matches, track));
-        let far = ROUGH_FAR_PX / geometry.focal_px;
-        let start = rigid::motion(&geometry.arms, &tracks.observed(geometry), far)?;
-        let found = rigid_consensus(geometry, &tracks, start, self.settings.min_inlier_px)?;
+        let found = consensus::from_nothing(geometry, &tracks.points, self.settings.min_inlier_px)?;
         if found.count() < self.settings.min_points || 2 * found.count() < tracks.expected {
             return None;
         }

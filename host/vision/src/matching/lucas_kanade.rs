@@ -78,6 +78,19 @@ pub struct PlaneWarp {
     pub shrink: [f32; 2],
 }
 
+impl PlaneWarp {
+    /// Returns the largest difference of two warps of a window at full resolution, px: at its
+    /// border, to first order.
+    pub fn difference_px(&self, other: &Self) -> f64 {
+        let half = (FineTemplate::SIDE / 2) as f32;
+        let difference = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).abs() + (a[1] - b[1]).abs();
+        let rows = self.linear.iter().zip(other.linear);
+        let linear = rows.map(|(a, b)| difference(*a, b)).fold(0.0, f32::max);
+        let shrink = difference(self.shrink, other.shrink);
+        f64::from(half * linear + half * half * shrink)
+    }
+}
+
 /// Square window of `N` x `N` px, odd, to be found in other images. `W >= N` is a multiple of 8, so
 /// that rows fill whole vectors.
 #[derive(Clone, Debug)]
@@ -352,21 +365,27 @@ impl<const N: usize, const W: usize> NullaryFnOnce for ReadTurned<'_, N, W> {
         } = self;
         let [[a, b], [c, d]] = warp.linear;
         let half = (N / 2) as f32;
+        let Template {
+            grey, along, down, ..
+        } = &mut *template;
         for row in 0..N {
             let y = row as f32 - half;
-            for column in 0..N {
+            let mut places = [[0.0_f32; W]; 2];
+            let [px, py] = &mut places;
+            for column in 0..W {
                 let x = column as f32 - half;
-                let scale = (1.0 + warp.shrink[0] * x + warp.shrink[1] * y).recip();
-                let place = [
-                    at[0] + scale * (a * x + b * y),
-                    at[1] + scale * (c * x + d * y),
-                ];
-                let [grey, along, down] = window::read_at(plane, place);
-                template.grey[row][column] = grey;
-                // The gradient by the offset in the other image, without the projective part, which
-                // changes it little: it only guides the steps.
-                template.along[row][column] = a * along + c * down;
-                template.down[row][column] = b * along + d * down;
+                let scale = 1.0 / (1.0 + warp.shrink[0] * x + warp.shrink[1] * y);
+                px[column] = at[0] + scale * (a * x + b * y);
+                py[column] = at[1] + scale * (c * x + d * y);
+            }
+            let mut seen = [[0.0_f32; W]; 3];
+            window::read_at::<N, W>(plane, &places, &mut seen);
+            grey[row] = seen[0];
+            // The gradient by the offset in the other image, without the projective part, which
+            // changes it little: it only guides the steps.
+            for column in 0..W {
+                along[row][column] = a * seen[1][column] + c * seen[2][column];
+                down[row][column] = b * seen[1][column] + d * seen[2][column];
             }
         }
         template.complete();

@@ -1,8 +1,8 @@
 //! The pose with its covariance, for any point of the target.
 
+use super::cayley;
 use super::normal::Solution;
-use super::quarter_turn::{QuarterTurn, Turned};
-use super::{Observation, cayley};
+use super::quarter_turn::QuarterTurn;
 use crate::sums::centred::Geometry;
 use libm::sqrt;
 use nalgebra::{Matrix3, Matrix3x6, Rotation3, SMatrix, UnitQuaternion, Vector3};
@@ -46,24 +46,24 @@ impl PivotDisplacement {
 }
 
 impl Estimate {
+    /// Creates the estimate of points whose mean at the keyframe, before the quarter turn `first`,
+    /// is `start_mm`, about the mean camera.
     pub(super) fn new(
         geometry: &Geometry,
-        observations: &Turned<'_>,
+        (first, start_mm): (QuarterTurn, Vector3<f64>),
         middle: &Vector3<f64>,
         solution: &Solution,
         variance: f64,
     ) -> Self {
         let [x, y] = geometry.centre_mm();
         let centre = Vector3::new(x, y, 0.0);
-        let all = observations.all;
-        let starts: Vector3<f64> = all.iter().map(Observation::start_mm).sum();
         let [s0, s1, s2, w0, w1, w2] = solution.theta.into();
         Self {
-            first: observations.first,
+            first,
             s_mm: [s0, s1, s2],
             omega: [w0, w1, w2],
             middle_mm: (middle + centre).into(),
-            centroid_mm: (starts / all.len() as f64 + centre).into(),
+            centroid_mm: (start_mm + centre).into(),
             covariance: rows(&(variance * solution.inverse)),
             sigma: sqrt(variance),
         }

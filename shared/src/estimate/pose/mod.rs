@@ -51,11 +51,13 @@ mod estimate;
 mod noise;
 mod normal;
 mod observation;
+mod parts;
 mod quarter_turn;
 
 pub use estimate::{Estimate, PivotDisplacement};
 pub use noise::Noise;
 pub use observation::Observation;
+pub use parts::{Parts, Point};
 pub use quarter_turn::QuarterTurn;
 
 use crate::sums::centred::Geometry;
@@ -131,21 +133,6 @@ impl core::error::Error for Refusal {}
 /// ```
 pub fn solve(geometry: &Geometry, observations: &[Observation]) -> Result<Estimate, Refusal> {
     let turned = Turned::nearest(geometry, observations);
-    solve_after(turned.first, geometry, observations)
-}
-
-/// Does the same as [`solve`] with the quarter turn of another estimate, so that the Cayley vectors
-/// of both can be compared.
-///
-/// # Errors
-/// [`Refusal`], if the points do not determine a rotation.
-pub fn solve_after(
-    first: QuarterTurn,
-    geometry: &Geometry,
-    observations: &[Observation],
-) -> Result<Estimate, Refusal> {
-    let all = observations;
-    let turned = Turned { all, first };
     let noise = Noise::of_turned(geometry, &turned);
     second_stage(geometry, &turned, &noise)
 }
@@ -296,7 +283,16 @@ fn finish(
         residual.dot(&(weigh(&observation).0 * residual))
     });
     let count = observations.all.len();
-    let freedom = 2 * count * (2 * geometry.cameras() - 3);
-    let variance = noise::variance(scale, freedom as f64, squares.sum(), count);
-    Estimate::new(geometry, observations, middle, solution, variance)
+    let freedom = noise_freedom(geometry, count);
+    let variance = noise::variance(scale, freedom, squares.sum(), count);
+    let starts = observations.all.iter().map(Observation::start_mm);
+    let start_mm = starts.sum::<Vector3<f64>>() / count as f64;
+    let first = observations.first;
+    Estimate::new(geometry, (first, start_mm), middle, solution, variance)
+}
+
+/// Returns the degrees of freedom of the noise's scale: those of the cameras' misfit at both
+/// instants.
+fn noise_freedom(geometry: &Geometry, points: usize) -> f64 {
+    (2 * points * (2 * geometry.cameras() - 3)) as f64
 }

@@ -45,6 +45,12 @@ impl Normal {
         }
     }
 
+    /// Adds the sums of other points.
+    pub fn join(&mut self, other: &Self) {
+        self.sums += other.sums;
+        self.noise += other.noise;
+    }
+
     /// Solves for `(s, ω)` and removes the share of noise with the variance `scale`.
     ///
     /// The rest is always definite, because at most a quarter of the information in any direction

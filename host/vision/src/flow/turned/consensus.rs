@@ -2,25 +2,24 @@
 
 use crate::flow::Correspondence;
 use crate::flow::consensus::Agreement;
-use crate::flow::tracks::Tracks;
 use crate::matching::geometry::RigGeometry;
+use crate::rigid;
 use trinocular_core::estimate::pose::{self, Estimate, Observation};
 
 /// Pose on which most points agree, and its inliers.
 pub(super) type RigidConsensus = Agreement<Estimate>;
 
-/// Finds the inliers of the tracks from the pose `start` on. Residuals up to `least_px` never make
+/// Finds the inliers of tracked points from the pose `start` on. Residuals up to `least_px` never make
 /// an outlier.
 pub(super) fn rigid_consensus(
     geometry: &RigGeometry,
-    tracks: &Tracks,
+    points: &[Correspondence],
     start: Estimate,
     least_px: f64,
 ) -> Option<RigidConsensus> {
     let observe = |point: &Correspondence| Observation::new(&geometry.arms, &point.views);
-    let observed: Vec<Option<Observation>> = tracks.points.iter().map(observe).collect();
-    let residuals_px = |pose: Option<&Estimate>| {
-        let pose = pose.unwrap_or(&start);
+    let observed: Vec<Option<Observation>> = points.iter().map(observe).collect();
+    let residuals_px = |pose: &Estimate| -> Vec<f64> {
         let residuals = observed.iter().map(|observed| {
             let residual = observed.map(|o| residual_px(geometry, pose, &o));
             residual
@@ -29,12 +28,38 @@ pub(super) fn rigid_consensus(
         });
         residuals.collect()
     };
-    let solve = |inliers: &[bool]| {
+    let kept = |inliers: &[bool]| -> Vec<Observation> {
         let kept = observed.iter().zip(inliers);
-        let kept = kept.filter_map(|(observed, is_inlier)| observed.filter(|_| *is_inlier));
-        pose::solve(&geometry.arms, &kept.collect::<Vec<_>>()).ok()
+        kept.filter_map(|(observed, is_inlier)| observed.filter(|_| *is_inlier))
+            .collect()
     };
-    Agreement::of(residuals_px, solve, least_px)
+    // The inliers first, by the fastest stage of the estimator.
+    let plain = Agreement::of(
+        |pose: Option<&Estimate>| residuals_px(pose.unwrap_or(&start)),
+        |inliers| pose::plain(&geometry.arms, &kept(inliers)).ok(),
+        least_px,
+    )?;
+    Agreement::of(
+        |pose: Option<&Estimate>| residuals_px(pose.unwrap_or(&plain.model)),
+        |inliers| pose::solve(&geometry.arms, &kept(inliers)).ok(),
+        least_px,
+    )
+}
+
+/// Distance beyond which a point counts as simply wrong, px. With a larger one, a blend of two
+/// objects would be nearer to all points than the pose of either.
+const FAR_PX: f64 = 2.0;
+
+/// Finds the inliers of tracked points as [`rigid_consensus`] does, without a start.
+pub(super) fn from_nothing(
+    geometry: &RigGeometry,
+    points: &[Correspondence],
+    least_px: f64,
+) -> Option<RigidConsensus> {
+    let observe = |point: &Correspondence| Observation::new(&geometry.arms, &point.views);
+    let observed: Vec<Observation> = points.iter().filter_map(observe).collect();
+    let start = rigid::motion(&geometry.arms, &observed, FAR_PX / geometry.focal_px)?;
+    rigid_consensus(geometry, points, start, least_px)
 }
 
 /// Computes the residual of a point against a pose: root mean square over cameras and axes, px.

@@ -34,7 +34,7 @@ impl CornerMotion for PosedCorners<'_> {
         let anchor = Anchor::at(self.predictor.geometry, k, at, inverse_depth);
         let turned = self.predictor.to(k, &anchor, at).and_then(|to| {
             let warp = self.predictor.warp(k, &anchor, to)?;
-            (self.matcher).track_turned_corner(level, at, start, &warp)
+            (self.matcher).track_turned_at(level, k, [at, start], &warp)
         });
         let still = (self.matcher).track_corner(level, at, start, inverse_depth, [0.0; 3]);
         turned.into_iter().chain(still).collect()

@@ -10,6 +10,13 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use trinocular_core::estimate::pose::Estimate;
 use trinocular_core::sums::View;
 
+/// Level of the images in which windows are tracked first.
+const COARSE_LEVEL: usize = 1;
+/// Largest difference of two windows that counts as none, px at their border: a fiftieth of what
+/// noise of 2 grey levels does.
+const SAME_PX: f64 = 0.01;
+/// One of so many windows is compared.
+const SAMPLED: usize = 8;
 /// Half of the distance over which the change of an image is measured, px.
 const STEP_PX: f64 = 4.0;
 
@@ -28,6 +35,12 @@ impl Surface {
         }
         let solved = normal.cholesky().map(|normal| normal.solve(&right));
         Self(solved.map_or([0.0; 3], Into::into))
+    }
+
+    /// Creates the plane across the axes of the cameras at this inverse depth, 1/mm.
+    #[cfg(test)]
+    pub fn frontal(inverse_depth: f64) -> Self {
+        Self([inverse_depth, 0.0, 0.0])
     }
 
     /// Returns `ν`, with which a camera at the arm `arm_mm` sees the inverse depth `ν·(x, y, 1)` at
@@ -107,6 +120,35 @@ impl Predictor<'_> {
         matcher: &TemporalMatcher<'_>,
         matched: &StereoMatch,
     ) -> Result<Correspondence, Reject> {
+        self.track_by(matched, |k, [at, to], warp| {
+            matcher.track_turned(k, at, to, warp)
+        })
+    }
+
+    /// Tracks one point in each camera on its own with turned windows at [`COARSE_LEVEL`], without
+    /// the tests between cameras.
+    pub fn track_coarse(
+        &self,
+        matcher: &TemporalMatcher<'_>,
+        matched: &StereoMatch,
+    ) -> Result<Correspondence, Reject> {
+        self.track_by(matched, |k, places, warp| {
+            let found = matcher.track_turned_at(COARSE_LEVEL, k, places, warp);
+            let is_alike = |zncc: f32| zncc >= matcher.settings.matching.min_zncc;
+            let (pixel, _) = found
+                .filter(|(_, zncc)| is_alike(*zncc))
+                .ok_or(Reject::Dissimilar)?;
+            Ok(pixel)
+        })
+    }
+
+    /// Tracks one point in each camera by `find`, which is given the places before and expected
+    /// now, and the window's warp.
+    fn track_by(
+        &self,
+        matched: &StereoMatch,
+        find: impl Fn(usize, [[f64; 2]; 2], &PlaneWarp) -> Result<[f64; 2], Reject>,
+    ) -> Result<Correspondence, Reject> {
         let cameras = self.geometry.cameras();
         let mut pixels = Vec::with_capacity(cameras);
         let mut views = Vec::with_capacity(cameras);
@@ -115,7 +157,7 @@ impl Predictor<'_> {
             let at = anchor.pixel;
             let to = self.to(k, &anchor, at).ok_or(Reject::OutOfView)?;
             let warp = self.warp(k, &anchor, to).ok_or(Reject::OutOfView)?;
-            let found = matcher.track_turned(k, at, to, &warp)?;
+            let found = find(k, [at, to], &warp)?;
             pixels.push([at, found]);
             views.push(View {
                 start: matched.normalised[k],
@@ -148,6 +190,24 @@ impl Predictor<'_> {
         let [alpha, beta, rho] = self.pose.moved(&self.geometry.arms, start)?;
         let end = [alpha - rho * arm[0], beta - rho * arm[1]];
         Some(self.geometry.pixel(k, end))
+    }
+
+    /// Returns true if the pose `other` turns windows of the reference camera in the same way.
+    pub fn turns_as(&self, other: &Estimate, matches: &[StereoMatch]) -> bool {
+        let k = self.geometry.reference;
+        let other = Predictor {
+            geometry: self.geometry,
+            pose: other,
+            surface: self.surface,
+        };
+        matches.iter().step_by(SAMPLED).all(|matched| {
+            let anchor = Anchor::of(matched, k);
+            let warp = |by: &Predictor<'_>| by.warp(k, &anchor, by.to(k, &anchor, anchor.pixel)?);
+            match [warp(self), warp(&other)] {
+                [Some(own), Some(others)] => own.difference_px(&others) < SAME_PX,
+                _ => false,
+            }
+        })
     }
 
     /// Returns the window of the image now, around the place `to` of an anchor, in the keyframe's

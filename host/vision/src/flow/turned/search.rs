@@ -90,8 +90,10 @@ impl Flow {
     ) -> Result<RoughPose, FlowRefusal> {
         let geometry = matcher.geometry;
         let reference = geometry.reference;
-        let back = turned
-            .map(|pose| TurnedBack::new(geometry, surface, &pose).pyramid(matcher.now[reference]));
+        let level = self.temporal_level();
+        let back = turned.map(|pose| {
+            TurnedBack::new(geometry, surface, &pose).pyramid(matcher.now[reference], level)
+        });
         let mut now = matcher.now.to_vec();
         if let Some(back) = &back {
             now[reference] = back;
@@ -100,7 +102,7 @@ impl Flow {
             now: &now,
             ..*matcher
         };
-        let coarse = ZnccPlane::new(&now[reference].coarse()[self.temporal_level() - 1]);
+        let coarse = ZnccPlane::new(&now[reference].coarse()[level - 1]);
         let search = self.search(keyframe, &coarse);
         let moved_mm = self.rough_displacement(keyframe, &matcher, &search)?;
         Ok(RoughPose {

@@ -91,23 +91,59 @@ impl<'a, const N: usize, const W: usize> Window<'a, N, W> {
     }
 }
 
-/// Reads grey level and both derivatives of the interpolated image at one place.
+/// Reads grey level and both derivatives of the interpolated image at the first `N` of a row of
+/// places, which must be 2 px within `plane`. Values beyond column `N` have no meaning.
 #[inline(always)]
-pub fn read_at(plane: &Plane, at: [f32; 2]) -> [f32; 3] {
-    let corner = at.map(|a| a as usize);
-    let fraction = [at[0] - corner[0] as f32, at[1] - corner[1] as f32];
-    let (wx, sx) = (weights(fraction[0]), slopes(fraction[0]));
-    let (wy, sy) = (weights(fraction[1]), slopes(fraction[1]));
-    let mut out = [0.0; 3];
-    for r in 0..4 {
-        let row = &plane.grey[(corner[1] + r - 1) * plane.stride + corner[0] - 1..][..4];
-        let across = |w: &[f32; 4]| row[0] * w[0] + row[1] * w[1] + row[2] * w[2] + row[3] * w[3];
-        let value = across(&wx);
-        out[0] += wy[r] * value;
-        out[1] += wy[r] * across(&sx);
-        out[2] += sy[r] * value;
+pub fn read_at<const N: usize, const W: usize>(
+    plane: &Plane,
+    places: &[[f32; W]; 2],
+    seen: &mut [[f32; W]; 3],
+) {
+    // Weights of a whole row first, in vectors.
+    let stride = plane.stride as i32;
+    let mut starts = [0_i32; W];
+    let [mut values, mut slopes] = [[[[0.0_f32; W]; 4]; 2]; 2];
+    for c in 0..W {
+        // Positive, so truncation is the floor.
+        let [x, y] = [places[0][c] as i32, places[1][c] as i32];
+        starts[c] = (y.wrapping_sub(1).wrapping_mul(stride)).wrapping_add(x.wrapping_sub(1));
+        for (axis, corner) in [x, y].into_iter().enumerate() {
+            let t = places[axis][c] - corner as f32;
+            let (w, s) = (weights(t), self::slopes(t));
+            for i in 0..4 {
+                values[axis][i][c] = w[i];
+                slopes[axis][i][c] = s[i];
+            }
+        }
     }
-    out
+    // Four rows around each place, mixed by the weights along y.
+    let [first, second, third, fourth] = [0, 1, 2, 3].map(|r| &plane.grey[r * plane.stride..]);
+    let taps = |row: &[f32], start: usize| -> [f32; 4] {
+        let taps = row.get(start..).and_then(|row| row.first_chunk());
+        taps.copied().unwrap_or_default()
+    };
+    let mut mixed = [[[0.0_f32; 4]; W]; 2];
+    for c in 0..N {
+        let start = starts[c] as usize;
+        let (a, b) = (taps(first, start), taps(second, start));
+        let (p, q) = (taps(third, start), taps(fourth, start));
+        let (w, s) = (&values[1], &slopes[1]);
+        for i in 0..4 {
+            mixed[0][c][i] = w[0][c] * a[i] + w[1][c] * b[i] + w[2][c] * p[i] + w[3][c] * q[i];
+        }
+        for i in 0..4 {
+            mixed[1][c][i] = s[0][c] * a[i] + s[1][c] * b[i] + s[2][c] * p[i] + s[3][c] * q[i];
+        }
+    }
+    // The same along x.
+    for c in 0..W {
+        let by = |w: &[[f32; W]; 4], m: &[f32; 4]| {
+            w[0][c] * m[0] + w[1][c] * m[1] + w[2][c] * m[2] + w[3][c] * m[3]
+        };
+        seen[0][c] = by(&values[0], &mixed[0][c]);
+        seen[1][c] = by(&slopes[0], &mixed[0][c]);
+        seen[2][c] = by(&values[0], &mixed[1][c]);
+    }
 }
 
 /// Applies a four-tap filter along a row.
