@@ -62,6 +62,6 @@ fn distance(geometry: &Geometry, pose: &Estimate, observation: &Observation) -> 
         return f64::INFINITY;
     };
     let [alpha, beta, _] = observation.end;
-    let off = (x - alpha).hypot(y - beta);
+    let off = ((x - alpha).powi(2) + (y - beta).powi(2)).sqrt();
     if off.is_finite() { off } else { f64::INFINITY }
 }

@@ -71,6 +71,11 @@ impl<M> Agreement<M> {
         agreement
     }
 
+    /// Returns the limit of an inlier's residual that the median sets, px.
+    pub(super) fn limit_px(&self) -> f64 {
+        INLIER_MEDIANS * self.median_px
+    }
+
     /// Returns the number of inliers.
     pub fn count(&self) -> usize {
         self.inliers.iter().filter(|is| **is).count()

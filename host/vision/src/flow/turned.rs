@@ -22,6 +22,7 @@ mod errors;
 pub(crate) mod offered;
 mod pivot;
 mod predictor;
+mod refine;
 mod search;
 mod still;
 mod turned_back;
@@ -39,23 +40,15 @@ use super::{
     TargetTurn,
 };
 use crate::images::FrameSet;
+use crate::matching::RejectCounts;
 use crate::matching::stereo::StereoMatch;
 use crate::matching::zncc::ZnccPlane;
-use crate::matching::{Reject, RejectCounts};
-use consensus::{RigidConsensus, rigid_consensus};
 use corners::PosedCorners;
 use predictor::{Predictor, Surface};
+use refine::ROUGH_FAR_PX;
 use search::RoughPose;
 use trinocular_core::estimate::pose::Estimate;
 use turned_back::TurnedBack;
-
-/// Most rounds of tracking with turned windows at full resolution.
-const ROUNDS: usize = 2;
-/// Least limit of an inlier's residual in the first consensus, px: coarse windows are followed less
-/// well.
-const ROUGH_INLIER_PX: f64 = 0.5;
-/// Most points that are tracked in coarse windows: enough for a pose that draws the finer ones.
-const MOST_COARSE: usize = 120;
 
 /// Displacement and rotation of the target since the keyframe, and its points.
 #[derive(Clone, Debug)]
@@ -243,98 +236,6 @@ impl Flow {
         tracking
     }
 
-    /// Tracks all points with windows turned by the pose so far and finds the pose that most of
-    /// them agree on, from the rough pose on. Also returns the points that were not found.
-    fn refined(
-        &self,
-        keyframe: &ActiveKeyframe<'_>,
-        matcher: &TemporalMatcher<'_>,
-        surface: Surface,
-        rough: &Estimate,
-    ) -> Result<(Tracks, RigidConsensus, Vec<RejectedPoint>), FlowRefusal> {
-        let geometry = matcher.geometry;
-        let rough = Predictor {
-            geometry,
-            pose: rough,
-            surface,
-        };
-        let mut pose = self.agreed_roughly(keyframe, matcher, &rough)?;
-        let mut rounds = 0;
-        loop {
-            let drawn = Predictor {
-                geometry,
-                pose: &pose,
-                surface,
-            };
-            let (tracks, reasons) = self.tracked(keyframe, |matched| {
-                let point = drawn.track(matcher, matched)?;
-                self.unmasked(&keyframe.active.cameras, point)
-            })?;
-            let found =
-                rigid_consensus(geometry, &tracks.points, pose, self.settings.min_inlier_px)
-                    .ok_or_else(|| tracks.no_agreement(0, f64::NAN))?;
-            rounds += 1;
-            if rounds == ROUNDS || drawn.turns_as(&found.model, keyframe.matches) {
-                let lost = keyframe.matches.iter().zip(reasons);
-                let lost = lost.filter_map(|(matched, reason)| {
-                    Some(RejectedPoint {
-                        pixels: drawn.expected_pixels(matched)?,
-                        reason: reason?,
-                    })
-                });
-                let lost = lost.collect();
-                return Ok((tracks, found, lost));
-            }
-            pose = found.model;
-        }
-    }
-
-    /// Finds the pose that most points agree on, with windows turned by a rough pose. Windows of
-    /// a coarse level suffice, unless only full resolution has texture.
-    fn agreed_roughly(
-        &self,
-        keyframe: &ActiveKeyframe<'_>,
-        matcher: &TemporalMatcher<'_>,
-        rough: &Predictor<'_>,
-    ) -> Result<Estimate, FlowRefusal> {
-        let geometry = matcher.geometry;
-        let share = keyframe.matches.len().div_ceil(MOST_COARSE);
-        let matches: Vec<&StereoMatch> = keyframe.matches.iter().step_by(share).collect();
-        let tried = matches.len();
-        let track = |matched: &StereoMatch| rough.track_coarse(matcher, matched).ok();
-        let points = self.thread_pool.map(matches, track);
-        let points: Vec<Correspondence> = points.into_iter().flatten().collect();
-        if 2 * points.len() >= tried
-            && let Some(found) = consensus::from_nothing(geometry, &points, ROUGH_INLIER_PX)
-        {
-            return Ok(found.model);
-        }
-        let (tracks, _) = self.tracked(keyframe, |matched| rough.track(matcher, matched))?;
-        let found = consensus::from_nothing(geometry, &tracks.points, ROUGH_INLIER_PX);
-        let found = found.ok_or_else(|| tracks.no_agreement(0, f64::NAN))?;
-        Ok(found.model)
-    }
-
-    /// Tracks all points by `track`. Also returns why points were not found.
-    ///
-    /// # Errors
-    /// [`FlowRefusal::FewTracks`].
-    fn tracked(
-        &self,
-        keyframe: &ActiveKeyframe<'_>,
-        track: impl Fn(&StereoMatch) -> Result<Correspondence, Reject> + Sync,
-    ) -> Result<(Tracks, Vec<Option<Reject>>), FlowRefusal> {
-        let matches = keyframe.matches.iter().collect();
-        let tracked = self
-            .thread_pool
-            .map(matches, |matched: &StereoMatch| track(matched));
-        let reasons = tracked.iter().map(|point| point.as_ref().err().copied());
-        let reasons = reasons.collect();
-        let tracks = Tracks::of(keyframe, tracked);
-        tracks.enough(self.settings.min_points)?;
-        Ok((tracks, reasons))
-    }
-
     /// Finds an unsynchronised camera that keeps points from agreeing, as
     /// [`Flow::find_unsynchronised`] does for a target that does not turn.
     fn find_unsynchronised_turned(
@@ -353,7 +254,8 @@ impl Flow {
         let track = |matched: &StereoMatch| predictor.track_per_camera(matcher, matched);
         let matches = keyframe.matches.iter().collect();
         let tracks = Tracks::of(keyframe, self.thread_pool.map(matches, track));
-        let found = consensus::from_nothing(geometry, &tracks.points, self.settings.min_inlier_px)?;
+        let least_px = self.settings.min_inlier_px;
+        let found = consensus::from_nothing(geometry, &tracks.points, ROUGH_FAR_PX, least_px)?;
         if found.count() < self.settings.min_points || 2 * found.count() < tracks.expected {
             return None;
         }

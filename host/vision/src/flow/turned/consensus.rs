@@ -46,19 +46,17 @@ pub(super) fn rigid_consensus(
     )
 }
 
-/// Distance beyond which a point counts as simply wrong, px. With a larger one, a blend of two
-/// objects would be nearer to all points than the pose of either.
-const FAR_PX: f64 = 2.0;
-
-/// Finds the inliers of tracked points as [`rigid_consensus`] does, without a start.
+/// Finds the inliers of tracked points as [`rigid_consensus`] does, without a start. A
+/// point off by more than `far_px` counts as simply wrong in its search.
 pub(super) fn from_nothing(
     geometry: &RigGeometry,
     points: &[Correspondence],
+    far_px: f64,
     least_px: f64,
 ) -> Option<RigidConsensus> {
     let observe = |point: &Correspondence| Observation::new(&geometry.arms, &point.views);
     let observed: Vec<Observation> = points.iter().filter_map(observe).collect();
-    let start = rigid::motion(&geometry.arms, &observed, FAR_PX / geometry.focal_px)?;
+    let start = rigid::motion(&geometry.arms, &observed, far_px / geometry.focal_px)?;
     rigid_consensus(geometry, points, start, least_px)
 }
 

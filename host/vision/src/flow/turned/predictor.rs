@@ -15,7 +15,7 @@ const COARSE_LEVEL: usize = 1;
 /// Largest difference of two windows that counts as none, px at their border: a fiftieth of what
 /// noise of 2 grey levels does.
 const SAME_PX: f64 = 0.01;
-/// One of so many windows is compared.
+/// Number of windows of which one is compared.
 const SAMPLED: usize = 8;
 /// Half of the distance over which the change of an image is measured, px.
 const STEP_PX: f64 = 4.0;

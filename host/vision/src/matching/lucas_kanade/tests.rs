@@ -190,3 +190,31 @@ fn textureless_window_is_refused() {
         assert!(FineTemplate::new(&edge, at).is_none());
     }
 }
+
+/// A window that is turned by nothing is the window itself; by a quarter turn, its rows are columns
+/// of the other. Both are read by different arithmetic.
+#[test]
+fn turned_window_has_grey_levels_of_its_places() {
+    let plane = shot(&scene(TextureKind::Natural, 4, 2.0), [0.0; 2], 0.0, 1);
+    let at = [121.3, 87.8];
+    let upright = FineTemplate::new(&plane, at).unwrap();
+    let turned = |linear| {
+        let shrink = [0.0; 2];
+        FineTemplate::turned(&plane, at, &PlaneWarp { linear, shrink }).unwrap()
+    };
+    let (same, quarter) = (turned(STILL), turned([[0.0, -1.0], [1.0, 0.0]]));
+    let close = |a: f32, b: f32| assert!((a - b).abs() < 2e-3, "{a} {b}");
+    let last = FineTemplate::SIDE - 1;
+    for row in 0..FineTemplate::SIDE {
+        for column in 0..FineTemplate::SIDE {
+            close(same.grey[row][column], upright.grey[row][column]);
+            close(same.along[row][column], upright.along[row][column]);
+            close(same.down[row][column], upright.down[row][column]);
+            // The place (-y, x) of the image; the gradient turns back with the window.
+            let [x, y] = [last - row, column];
+            close(quarter.grey[row][column], upright.grey[y][x]);
+            close(quarter.along[row][column], upright.down[y][x]);
+            close(quarter.down[row][column], -upright.along[y][x]);
+        }
+    }
+}
