@@ -169,9 +169,9 @@ impl Estimate {
         (Vector3::from(point_mm) + self.displacement(point_mm)).into()
     }
 
-    /// Returns the direction and inverse depth about the mean camera, as [`Observation::end`], to
-    /// which the pose moves a point at `start`. `None` if the point is then not in front of the
-    /// cameras.
+    /// Returns the direction and inverse depth about the mean camera, as the field `end` of an
+    /// [`Observation`](super::Observation), to which the pose moves a point at `start`. `None` if
+    /// the point is then not in front of the cameras.
     pub fn moved(&self, geometry: &Geometry, start: [f64; 3]) -> Option<[f64; 3]> {
         let [alpha, beta, rho] = start;
         let [cx, cy] = geometry.centre_mm();
