@@ -75,38 +75,46 @@ impl<'a> TurnedBack<'a> {
 /// up to 40 degrees.
 const NODE_PX: usize = 16;
 
-/// Places of a grid of pixels of the image turned back, px. Between them the places are linear.
+/// Places of a grid of pixels of the image turned back, px. Between them the places are linear. The
+/// last nodes are the last pixels: a lens is known within the image only.
 struct Nodes {
     columns: usize,
+    last: [usize; 2],
     places: Vec<[f32; 2]>,
 }
 
 impl Nodes {
     fn of(turned_back: &TurnedBack<'_>, size_px: [usize; 2]) -> Self {
-        // One node beyond the last pixel.
-        let [columns, rows] = size_px.map(|side| side.div_ceil(NODE_PX) + 1);
+        let last = size_px.map(|side| side.saturating_sub(1));
+        let [columns, rows] = last.map(|last| last / NODE_PX + 2);
         let node = |index: usize| {
-            let pixel = [index % columns, index / columns].map(|n| (n * NODE_PX) as f64);
+            let node = [index % columns, index / columns];
+            let pixel = [0, 1].map(|axis| (node[axis] * NODE_PX).min(last[axis]) as f64);
             turned_back.pixel(pixel).map(|place| place as f32)
         };
         Self {
             columns,
+            last,
             places: (0..columns * rows).map(node).collect(),
         }
     }
 
     /// Fills `places` with the places of every `step`-th pixel of a row of the image.
     fn places(&self, row: usize, step: usize, places: &mut [[f32; 2]]) {
-        let share = |pixel: usize| (pixel % NODE_PX) as f32 / NODE_PX as f32;
+        // Share of the way from the node before a pixel to the one behind it.
+        let share = |pixel: usize, last: usize| {
+            let way = (last - pixel / NODE_PX * NODE_PX).clamp(1, NODE_PX);
+            (pixel % NODE_PX) as f32 / way as f32
+        };
         let between = |a: [f32; 2], b: [f32; 2], t: f32| [0, 1].map(|i| a[i] + t * (b[i] - a[i]));
         let above = &self.places[row / NODE_PX * self.columns..][..2 * self.columns];
         let (above, below) = above.split_at(self.columns);
-        let down = share(row);
+        let down = share(row, self.last[1]);
         for (index, place) in places.iter_mut().enumerate() {
             let column = index * step;
             let node = column / NODE_PX;
             let at = |n: usize| between(above[n], below[n], down);
-            *place = between(at(node), at(node + 1), share(column));
+            *place = between(at(node), at(node + 1), share(column, self.last[0]));
         }
     }
 }
@@ -120,8 +128,10 @@ mod tests {
     fn places_between_nodes_are_near_the_exact_ones() {
         let mut rig = Rig::paper();
         let k = RigGeometry::new(&rig).unwrap().reference;
-        for distortion in [[0.0; 5], [-0.2, 0.05, 1e-3, -1e-3, 0.0]] {
+        let lens = [-0.2, 0.05, 1e-3, -1e-3, 0.0];
+        for (distortion, size_px) in [([0.0; 5], [320, 240]), (lens, [313, 225])] {
             rig.cameras[k].distortion = distortion;
+            rig.image_size_px = size_px.map(|side| side as u32);
             let geometry = RigGeometry::new(&rig).unwrap();
             for axis in 0..3 {
                 let mut omega = [0.0; 3];
@@ -129,9 +139,9 @@ mod tests {
                 let pose = Estimate::exact(omega, [0.0, 0.0, 850.0], [0.0; 3]);
                 let surface = Surface::frontal(1.0 / 850.0);
                 let turned_back = TurnedBack::new(&geometry, surface, &pose);
-                let nodes = Nodes::of(&turned_back, [320, 240]);
-                let mut places = vec![[0.0; 2]; 320];
-                for row in (0..240).step_by(7) {
+                let nodes = Nodes::of(&turned_back, size_px);
+                let mut places = vec![[0.0; 2]; size_px[0]];
+                for row in (0..size_px[1]).step_by(7) {
                     nodes.places(row, 1, &mut places);
                     for (column, place) in places.iter().enumerate() {
                         let exact = turned_back.pixel([column as f64, row as f64]);
