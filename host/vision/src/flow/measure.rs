@@ -140,7 +140,7 @@ impl Flow {
         let level = self.temporal_level();
         let coarse = ZnccPlane::new(&now[matcher.geometry.reference].coarse()[level - 1]);
         let search = self.search(keyframe, &coarse);
-        let rough_mm = self.rough_displacement(keyframe, &matcher, &search)?;
+        let rough_mm = self.rough_displacement(keyframe, &matcher, &search, 1)?;
         observer.stage_done(PipelineStage::Search);
 
         // Lucas-Kanade at full resolution, every point in every camera.
@@ -222,7 +222,7 @@ impl Flow {
         }
     }
 
-    /// Finds the displacement to a fraction of a pixel, without a prior.
+    /// Finds the displacement to a fraction of a pixel of the level `finest`, without a prior.
     ///
     /// # Errors
     /// [`FlowRefusal::Lost`] if no displacement explains the images,
@@ -232,13 +232,16 @@ impl Flow {
         keyframe: &ActiveKeyframe<'_>,
         matcher: &TemporalMatcher<'_>,
         search: &DisplacementSearch<'_>,
+        finest: usize,
     ) -> Result<[f64; 3], FlowRefusal> {
         let hypotheses = search.hypotheses(keyframe.matches);
         let best_score = hypotheses.first().map_or(0.0, |h| h.score);
-        let level = self.temporal_level();
+        let coarsest = (self.temporal_level() - 1).max(finest);
+        let refine =
+            |displacement_mm| matcher.refine(keyframe.matches, displacement_mm, finest..=coarsest);
         let mut refined: Vec<RefinedDisplacement> = hypotheses
             .iter()
-            .filter_map(|h| matcher.refine(keyframe.matches, h.displacement_mm, level))
+            .filter_map(|h| refine(h.displacement_mm))
             .collect();
         refined.sort_by(|a, b| b.zncc.total_cmp(&a.zncc));
         let Some(first) = refined.first() else {

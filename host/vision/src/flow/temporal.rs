@@ -4,6 +4,7 @@
 //! a fraction of a pixel and needs no pyramid of its own. A point that comes nearer is seen larger;
 //! its template is warped accordingly.
 
+use std::ops::RangeInclusive;
 use trinocular_core::sums::View;
 
 use super::consensus::{self, PointFlow};
@@ -43,19 +44,19 @@ pub struct RefinedDisplacement {
 }
 
 impl TemporalMatcher<'_> {
-    /// Refines a displacement in the reference camera, from the level below `level` down to
-    /// level 1. Returns `None` if too few points are found.
+    /// Refines a displacement in the reference camera, from the coarsest of some levels down to the
+    /// finest. Returns `None` if too few points are found.
     pub fn refine(
         &self,
         matches: &[StereoMatch],
         hypothesis_mm: [f64; 3],
-        level: usize,
+        levels: RangeInclusive<usize>,
     ) -> Option<RefinedDisplacement> {
         let mut refined = RefinedDisplacement {
             displacement_mm: hypothesis_mm,
             zncc: 0.0,
         };
-        for level in (1..level.max(2)).rev() {
+        for level in levels.rev() {
             refined = self.refine_at(matches, refined.displacement_mm, level)?;
         }
         Some(refined)

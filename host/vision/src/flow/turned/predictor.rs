@@ -10,8 +10,6 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use trinocular_core::estimate::pose::Estimate;
 use trinocular_core::sums::View;
 
-/// Level of the images in which windows are tracked first.
-const COARSE_LEVEL: usize = 1;
 /// Largest difference of two windows that counts as none, px at their border: a fiftieth of what
 /// noise of 2 grey levels does.
 const SAME_PX: f64 = 0.01;
@@ -125,15 +123,16 @@ impl Predictor<'_> {
         })
     }
 
-    /// Tracks one point in each camera on its own with turned windows at [`COARSE_LEVEL`], without
-    /// the tests between cameras.
+    /// Tracks one point in each camera on its own with turned windows at `level`, from 1 on,
+    /// without the tests between cameras.
     pub fn track_coarse(
         &self,
         matcher: &TemporalMatcher<'_>,
+        level: usize,
         matched: &StereoMatch,
     ) -> Result<Correspondence, Reject> {
         self.track_by(matched, |k, places, warp| {
-            let found = matcher.track_turned_at(COARSE_LEVEL, k, places, warp);
+            let found = matcher.track_turned_at(level, k, places, warp);
             let is_alike = |zncc: f32| zncc >= matcher.settings.matching.min_zncc;
             let (pixel, _) = found
                 .filter(|(_, zncc)| is_alike(*zncc))

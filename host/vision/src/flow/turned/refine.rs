@@ -39,12 +39,7 @@ impl Flow {
         rough: &Estimate,
     ) -> Result<(Tracks, RigidConsensus, Vec<RejectedPoint>), FlowRefusal> {
         let geometry = matcher.geometry;
-        let rough = Predictor {
-            geometry,
-            pose: rough,
-            surface,
-        };
-        let mut pose = self.agreed_roughly(keyframe, matcher, &rough)?;
+        let mut pose = self.agreed_roughly(keyframe, matcher, surface, rough)?;
         let mut rounds = 0;
         loop {
             let drawn = Predictor {
@@ -90,34 +85,65 @@ impl Flow {
         }
     }
 
-    /// Finds the pose that most points agree on, with windows turned by a rough pose. Some windows
-    /// of a coarse level suffice if all are of one target.
+    /// Finds the pose that most points agree on, with windows turned by a rough pose: on one coarse
+    /// level after another. At full resolution only if those points are not clearly of one target.
     fn agreed_roughly(
         &self,
         keyframe: &ActiveKeyframe<'_>,
         matcher: &TemporalMatcher<'_>,
-        rough: &Predictor<'_>,
+        surface: Surface,
+        rough: &Estimate,
     ) -> Result<Estimate, FlowRefusal> {
         let geometry = matcher.geometry;
-        let share = keyframe.matches.len().div_ceil(MOST_COARSE);
-        let matches: Vec<&StereoMatch> = keyframe.matches.iter().step_by(share).collect();
-        let track = |matched: &StereoMatch| rough.track_coarse(matcher, matched);
-        let tracked = self.thread_pool.map(matches, track);
-        let in_view = tracked
-            .iter()
-            .filter(|point| !matches!(point, Err(Reject::OutOfView)));
-        let in_view = in_view.count();
-        let points: Vec<Correspondence> = tracked.into_iter().flatten().collect();
-        if points.len() as f64 >= COARSE_SHARE * in_view as f64
-            && let Some(found) = rough_consensus(geometry, &points)
-            && is_clear(&found, points.len(), ROUGH_INLIER_PX)
-        {
-            return Ok(found.model);
+        let mut pose = *rough;
+        for level in (1..self.temporal_level().max(2)).rev() {
+            let drawn = Predictor {
+                geometry,
+                pose: &pose,
+                surface,
+            };
+            match (level, self.agreed_at(level, keyframe, matcher, &drawn)) {
+                (1, Some((found, true))) => return Ok(found.model),
+                (1, _) | (_, None) => {}
+                (_, Some((found, _))) => pose = found.model,
+            }
         }
-        let (tracks, _) = self.tracked(keyframe, |matched| rough.track(matcher, matched))?;
-        let found = rough_consensus(geometry, &tracks.points);
+        let drawn = Predictor {
+            geometry,
+            pose: &pose,
+            surface,
+        };
+        let (tracks, _) = self.tracked(keyframe, |matched| drawn.track(matcher, matched))?;
+        let found = rough_consensus(geometry, &tracks.points, 1.0);
         let found = found.ok_or_else(|| tracks.no_agreement(0, f64::NAN))?;
         Ok(found.model)
+    }
+
+    /// Finds the pose that most points agree on in windows of a coarse level, and whether they are
+    /// clearly of one target. `None` if few windows are found.
+    fn agreed_at(
+        &self,
+        level: usize,
+        keyframe: &ActiveKeyframe<'_>,
+        matcher: &TemporalMatcher<'_>,
+        drawn: &Predictor<'_>,
+    ) -> Option<(RigidConsensus, bool)> {
+        let share = keyframe.matches.len().div_ceil(MOST_COARSE);
+        let matches: Vec<&StereoMatch> = keyframe.matches.iter().step_by(share).collect();
+        let track = |matched: &StereoMatch| drawn.track_coarse(matcher, level, matched);
+        let tracked = self.thread_pool.map(matches, track);
+        let is_in_view =
+            |point: &&Result<Correspondence, Reject>| !matches!(point, Err(Reject::OutOfView));
+        let in_view = tracked.iter().filter(is_in_view).count();
+        let points: Vec<Correspondence> = tracked.into_iter().flatten().collect();
+        if (points.len() as f64) < COARSE_SHARE * in_view as f64 {
+            return None;
+        }
+        // Pixels of level 1 are the unit: errors grow with those of the level.
+        let scale = (1 << (level - 1)) as f64;
+        let found = rough_consensus(matcher.geometry, &points, scale)?;
+        let is_clear = is_clear(&found, points.len(), scale * ROUGH_INLIER_PX);
+        Some((found, is_clear))
     }
 
     /// Tracks all points by `track`. Also returns why points were not found.
@@ -141,9 +167,15 @@ impl Flow {
     }
 }
 
-/// Finds the inliers of points that were tracked with roughly turned windows.
-fn rough_consensus(geometry: &RigGeometry, points: &[Correspondence]) -> Option<RigidConsensus> {
-    consensus::from_nothing(geometry, points, ROUGH_FAR_PX, ROUGH_INLIER_PX)
+/// Finds the inliers of points that were tracked with roughly turned windows, by limits `scale`
+/// times those of level 1.
+fn rough_consensus(
+    geometry: &RigGeometry,
+    points: &[Correspondence],
+    scale: f64,
+) -> Option<RigidConsensus> {
+    let [far_px, inlier_px] = [ROUGH_FAR_PX, ROUGH_INLIER_PX].map(|px| scale * px);
+    consensus::from_nothing(geometry, points, far_px, inlier_px)
 }
 
 /// Returns true if nearly all of `count` points are inliers by the limit `least_px`: they are of one

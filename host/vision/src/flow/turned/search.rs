@@ -104,7 +104,9 @@ impl Flow {
         };
         let coarse = ZnccPlane::new(&now[reference].coarse()[level - 1]);
         let search = self.search(keyframe, &coarse);
-        let moved_mm = self.rough_displacement(keyframe, &matcher, &search)?;
+        // On finer levels, the rotations between those that are tried take points too far away.
+        let finest = (level - 1).max(1);
+        let moved_mm = self.rough_displacement(keyframe, &matcher, &search, finest)?;
         Ok(RoughPose {
             pose: turned
                 .unwrap_or_else(|| about_axis(geometry, 0.0))

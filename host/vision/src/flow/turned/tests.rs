@@ -70,6 +70,43 @@ fn sweep(axis: [f64; 3], angles_deg: &[f64], textures: u64) -> [f64; 6] {
     normalised.map(|sum| sum / count)
 }
 
+/// Images of more pixels show the same turn as a larger motion. The same jumps are found in them, and
+/// their errors are as small as they state.
+#[test]
+fn jumps_are_found_in_images_of_any_size() {
+    for (times, largest_deg) in [(0.5, 0.3), (2.0, 0.02), (4.0, 0.01)] {
+        let mut rig = Rig::paper();
+        rig.image_size_px = rig
+            .image_size_px
+            .map(|side| (times * f64::from(side)) as u32);
+        for camera in &mut rig.cameras {
+            camera.focal_px = camera.focal_px.map(|px| times * px);
+            camera.principal_px = camera.principal_px.map(|px| times * (px + 0.5) - 0.5);
+        }
+        let scene = Scene::new(&rig, &Texture::natural(2), SceneSettings::default()).unwrap();
+        let mut flow = Flow::new(&rig, FlowSettings::default()).unwrap();
+        let keyframe = frame_set(&scene, [0.0; 3], [0.0; 3], 1);
+        flow.set_keyframe(&keyframe).unwrap();
+        for (seed, turned) in [[1.0, -1.0, 0.7], [-6.0, 5.0, 11.0], [12.0, 0.0, -5.0]]
+            .into_iter()
+            .enumerate()
+        {
+            let moved = [4.0, -3.0, 6.0];
+            let now = frame_set(&scene, moved, turned, 2 + seed as u64);
+            let seen = flow.clone().measure_pose(&now);
+            let seen = seen.unwrap_or_else(|refusal| panic!("{times} {turned:?}: {refusal}"));
+            let [_, _, _, x, y, z] = error(&seen.pose, moved, turned);
+            let off = [x, y, z].map(f64::abs).into_iter().fold(0.0, f64::max);
+            assert!(off < largest_deg, "{times} {turned:?}: {off} degrees");
+            let sigmas = normalised(&seen.pose, moved, turned).map(f64::abs);
+            assert!(
+                sigmas.iter().all(|s| *s < 4.0),
+                "{times} {turned:?}: {sigmas:?}"
+            );
+        }
+    }
+}
+
 #[test]
 fn turns_about_every_axis_are_measured() {
     let mut all = [0.0; 6];
