@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use trinocular::servo::station_link::{StationLink, StationPlace};
 use trinocular_client::StationError;
 use trinocular_client::serial::Serial;
-use trinocular_client::stage::default_stage;
+use trinocular_client::stage::{configuration_at, default_stage};
 use trinocular_core::frame::message::{Command, Hello, Mounting, Packet, Report, Status};
 use trinocular_core::frame::receive::Receiver;
 use trinocular_core::safety::State;
@@ -18,8 +18,17 @@ use trinocular_tests::far_end::{FarEnd, station, station_behind};
 /// Time limit of every wait. It is long enough for any machine; a test that reaches it has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// Heartbeat timeout, ms: longer than a busy computer delays a test.
+const HEARTBEAT_MS: u16 = 5_000;
+
 fn start(end: &FarEnd) -> Serial {
-    Serial::start(&end.path, &default_stage(), Mounting::OnStage).expect("the station starts")
+    start_with(end, &default_stage())
+}
+
+fn start_with(end: &FarEnd, stage: &Stage) -> Serial {
+    let configuration = configuration_at(stage, Mounting::OnStage, HEARTBEAT_MS);
+    let started = Serial::start_as(&end.path, configuration.expect("a stage in range"));
+    started.expect("the station starts")
 }
 
 /// Starts a stage towards x = 50 mm. The motion takes 10 s, longer than a busy computer delays a
@@ -29,8 +38,7 @@ fn moving(end: &FarEnd) -> Serial {
         max_speed_mm_s: [5.0; 3],
         ..default_stage()
     };
-    let started = Serial::start(&end.path, &stage, Mounting::OnStage);
-    let mut serial = started.expect("the station starts");
+    let mut serial = start_with(end, &stage);
     let position_um = [50_000, 0, 0];
     serial
         .command("setpoint", Command::Setpoint { position_um })
