@@ -58,7 +58,7 @@ fn desk_of(case: &Value) -> Desk {
             rig,
             stage,
             rotation: None,
-            pivot: Some(Pivot::Centroid),
+            pivot: Pivot::Centroid,
             trigger: None,
             laser: None,
             targets: Vec::new(),

@@ -137,8 +137,8 @@ pub struct RigFile {
     pub stage: Option<Stage>,
     /// Treatment of a target that turns, if the file states it.
     pub rotation: Option<treatment::Rotation>,
-    /// Pivot of a target whose rotation is estimated; `None` if a target that turns is refused.
-    pub pivot: Option<Pivot>,
+    /// Pivot of a target whose rotation is estimated.
+    pub pivot: Pivot,
     /// Devices and their settings in the order of the cameras; empty if no camera has any.
     pub capture: Vec<Capture>,
     /// Triggers of the cameras, if the station gives them.
@@ -157,12 +157,18 @@ impl RigFile {
             rig: Rig::paper(),
             stage: None,
             rotation: None,
-            pivot: Some(Pivot::Centroid),
+            pivot: Pivot::Centroid,
             capture: Vec::new(),
             trigger: None,
             laser: None,
             targets: Vec::new(),
         }
+    }
+
+    /// Returns the pivot, unless a target that turns is refused.
+    pub fn estimated_pivot(&self) -> Option<Pivot> {
+        let is_refused = self.rotation == Some(treatment::Rotation::Refuse);
+        (!is_refused).then_some(self.pivot)
     }
 
     /// Returns true if the cameras are exactly left, middle and right.

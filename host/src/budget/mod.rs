@@ -218,7 +218,7 @@ fn at_depth(
     let rotation = common.and_then(|common| {
         let target = settings.target(&common);
         let noise = (settings.noise_px, settings.points.as_slice());
-        RotationBudget::of(&rig.rig, (&target, depth_mm), noise, rig.pivot)
+        RotationBudget::of(&rig.rig, (&target, depth_mm), noise, rig.estimated_pivot())
     });
     let predictions: Vec<_> = predictor
         .iter()

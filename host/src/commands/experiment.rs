@@ -19,6 +19,7 @@ use trinocular_client::stage::default_stage;
 use trinocular_core::frame::message::Mounting;
 use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, OwnFile, Replace, marked};
+use trinocular_rig::pivot::Rotation;
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::{RigFile, Stage};
 use trinocular_vision::flow::region::Regions;
@@ -120,7 +121,7 @@ pub fn run(options: &ExperimentOptions, out: &mut impl Write) -> Result<(), Fail
         rig: RigFile {
             stage: Some(stage.clone()),
             // The experiment is the paper's: its target does not turn.
-            pivot: None,
+            rotation: Some(Rotation::Refuse),
             ..RigFile::paper()
         },
         rig_text: None,

@@ -100,7 +100,10 @@ impl Origin {
         let optional = [
             ("twin", self.twin.map(str::to_owned)),
             ("seed", self.seed.map(|seed| seed.to_string())),
-            ("pivot", self.rig.pivot.map(|pivot| pivot.to_string())),
+            (
+                "pivot",
+                self.rig.estimated_pivot().map(|pivot| pivot.to_string()),
+            ),
         ];
         for (name, text) in optional {
             texts.extend(text.map(|text| (name, text)));

@@ -299,7 +299,7 @@ fn serve<B: Bench>(
         hub.set_drop_source(drops);
     }
     let (mut bench, desk) = Workbench::new(bench, &rig.rig, stage, ESTIMATOR, hub, recording);
-    bench.set_pivot(rig.pivot);
+    bench.set_pivot(rig.estimated_pivot());
     bench.set_regions(options.regions(rig));
     let zenoh = &options.zenoh;
     let nodes = || Arc::new(desk.named(NODES)) as Arc<dyn Controls>;

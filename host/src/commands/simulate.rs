@@ -22,6 +22,7 @@ use trinocular_core::frame::message::Mounting;
 use trinocular_recording::recorder::Tap;
 use trinocular_rig::error::InputError;
 use trinocular_rig::output::{Output, Replace};
+use trinocular_rig::pivot::Rotation;
 use trinocular_rig::printable::printable;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::region::Regions;
@@ -204,7 +205,7 @@ fn origin(scenario: &Scenario) -> Origin {
         rig: RigFile {
             stage: Some(scenario.stage.clone()),
             // The targets of scenarios do not turn.
-            pivot: None,
+            rotation: Some(Rotation::Refuse),
             ..RigFile::paper()
         },
         rig_text: None,

@@ -34,6 +34,7 @@ use trinocular_recording::queue::Pace;
 use trinocular_recording::read::is_recording;
 use trinocular_rig::error::InputError;
 use trinocular_rig::notice;
+use trinocular_rig::pivot::Rotation;
 use trinocular_rig::rig_file::RigFile;
 use trinocular_vision::flow::region::Regions;
 use trinocular_vision::{sums, targets};
@@ -318,7 +319,7 @@ impl TrackOptions {
     /// Applies the options about a target that turns.
     fn turn(&self, rig: &mut RigFile) -> Result<(), Failure> {
         self.turning.apply(rig)?;
-        if self.method != Estimator::ClosedForm || rig.pivot.is_none() {
+        if self.method != Estimator::ClosedForm || rig.estimated_pivot().is_none() {
             return Ok(());
         }
         if !self.turning.are_silent(rig) {
@@ -328,7 +329,7 @@ impl TrackOptions {
                     .to_owned(),
             ));
         }
-        rig.pivot = None;
+        rig.rotation = Some(Rotation::Refuse);
         Ok(())
     }
 

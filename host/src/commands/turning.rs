@@ -41,8 +41,7 @@ pub(super) fn pivot(chosen: Option<PivotChoice>, rig: &RigFile) -> Result<Option
 impl TurningOptions {
     /// Returns true if neither options nor rig file, with the options applied, ask for a rotation.
     pub fn are_silent(&self, rig: &RigFile) -> bool {
-        let is_centroid = rig.pivot == Some(Pivot::Centroid);
-        self.pivot.is_none() && rig.rotation.is_none() && is_centroid
+        self.pivot.is_none() && rig.rotation.is_none() && rig.pivot == Pivot::Centroid
     }
 
     /// Changes the rig file's treatment of a target that turns as the options demand.
@@ -51,20 +50,15 @@ impl TurningOptions {
     /// [`Failure::Usage`] for a pivot without a rotation.
     pub fn apply(self, rig: &mut RigFile) -> Result<(), Failure> {
         rig.rotation = self.rotation.map(Into::into).or(rig.rotation);
-        match self.rotation {
-            Some(Rotation::Refuse) => rig.pivot = None,
-            Some(Rotation::Estimate) => {
-                rig.pivot.get_or_insert_default();
+        match pivot(self.pivot, rig)? {
+            Some(_) if rig.estimated_pivot().is_none() => {
+                Err(Failure::Usage(Contradiction::PivotAlone.to_string()))
             }
-            None => {}
-        }
-        match (pivot(self.pivot, rig)?, &mut rig.pivot) {
-            (None, _) => Ok(()),
-            (Some(given), Some(pivot)) => {
-                *pivot = given;
+            Some(pivot) => {
+                rig.pivot = pivot;
                 Ok(())
             }
-            (Some(_), None) => Err(Failure::Usage(Contradiction::PivotAlone.to_string())),
+            None => Ok(()),
         }
     }
 }

@@ -31,8 +31,7 @@ mod choice;
 mod posed_points;
 
 pub use choice::{Choice, Contradiction};
-
-use posed_points::PosedPoints;
+pub use trinocular_rig::pivot::Rotation;
 
 use crate::flow::offered::{is_determined, is_significant};
 use crate::flow::{
@@ -42,12 +41,11 @@ use crate::flow::{
 use crate::images::FrameSet;
 use crate::points::Points;
 use crate::sums::Sums;
+use posed_points::PosedPoints;
 use serde::Serialize;
 use trinocular_core::estimate::Refusal;
 use trinocular_core::estimate::pose::Estimate;
 use trinocular_core::rig::Rig;
-pub use trinocular_rig::pivot::Rotation;
-
 use trinocular_rig::pivot::Pivot;
 
 /// Largest rotation of a target that counts as one that does not turn, degrees.

@@ -197,10 +197,10 @@ fuzz_target!(|edits: Vec<Edit>| {
         }
     }
     let settings = replay::Settings {
+        pivot: rig.estimated_pivot(),
         rig: rig.rig,
         names: rig.names,
         estimator: Estimator::Midpoint,
-        pivot: rig.pivot,
         regions: Regions::default(),
         twin: Some("twin".to_owned()),
     };

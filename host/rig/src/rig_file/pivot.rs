@@ -24,15 +24,14 @@ pub(super) fn rotation(root: &Field<'_>) -> Result<Option<Rotation>, InputError>
     }
 }
 
-/// Reads the pivot unless rotations are refused.
+/// Reads the pivot, which a file that refuses rotations must not have.
 pub(super) fn read(
     root: &Field<'_>,
     rotation: Option<Rotation>,
     laser: Option<Laser>,
-) -> Result<Option<Pivot>, InputError> {
-    let is_estimated = rotation != Some(Rotation::Refuse);
+) -> Result<Pivot, InputError> {
     let Some(field) = root.optional("pivot")? else {
-        return Ok(is_estimated.then(Pivot::default));
+        return Ok(Pivot::default());
     };
     let pivot = match field.text() {
         Ok("centroid") => PivotChoice::Centroid,
@@ -42,8 +41,8 @@ pub(super) fn read(
     };
     let pivot = pivot.in_rig(laser);
     let pivot = pivot.map_err(|no_laser| field.fault(no_laser.to_string()))?;
-    if is_estimated {
-        return Ok(Some(pivot));
+    if rotation != Some(Rotation::Refuse) {
+        return Ok(pivot);
     }
     Err(field.fault(
         "without a rotation all points of the target move alike; leave out `rotation = \"refuse\"`",
@@ -51,15 +50,16 @@ pub(super) fn read(
 }
 
 /// Writes what is not the default.
-pub(super) fn write_toml(rotation: Option<Rotation>, pivot: Option<Pivot>, text: &mut String) {
-    if pivot.is_none() {
-        text.push_str("rotation = \"refuse\"\n");
-    } else if rotation == Some(Rotation::Estimate) {
-        text.push_str("rotation = \"estimate\"\n");
+pub(super) fn write_toml(rotation: Option<Rotation>, pivot: Pivot, text: &mut String) {
+    match rotation {
+        None => {}
+        // Without a rotation there is no pivot.
+        Some(Rotation::Refuse) => return text.push_str("rotation = \"refuse\"\n"),
+        Some(Rotation::Estimate) => text.push_str("rotation = \"estimate\"\n"),
     }
     let _ = match pivot {
-        None | Some(Pivot::Centroid) => Ok(()),
-        Some(Pivot::Place(place)) => writeln!(text, "pivot = {place:?}"),
-        Some(Pivot::Spot(_)) => writeln!(text, "pivot = \"spot\""),
+        Pivot::Centroid => Ok(()),
+        Pivot::Place(place) => writeln!(text, "pivot = {place:?}"),
+        Pivot::Spot(_) => writeln!(text, "pivot = \"spot\""),
     };
 }

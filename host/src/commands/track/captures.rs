@@ -125,7 +125,7 @@ impl<'a> Captures<'a> {
         let servo = FrameSetServo::new(&rig.rig, options.method.into(), clock, station);
         let mut servo = servo.map_err(failed)?;
         servo.set_regions(regions);
-        servo.set_pivot(rig.pivot);
+        servo.set_pivot(rig.estimated_pivot());
         let reported = options
             .report
             .observers(&rig.rig, HandEye::of(stage, mounting));

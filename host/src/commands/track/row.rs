@@ -90,7 +90,7 @@ pub fn vector([x, y, z]: &[f64; 3]) -> String {
 /// Returns the columns of --csv; those of the rotation and of several targets come last, and only
 /// if there are any.
 pub fn columns(rig: &RigFile) -> Vec<&'static [Column]> {
-    let turn = rig.pivot.map(|_| csv_rows::TURN.as_slice());
+    let turn = rig.estimated_pivot().map(|_| csv_rows::TURN.as_slice());
     let targets = (rig.targets.len() > 1).then_some(others::COLUMNS.as_slice());
     COLUMNS.into_iter().chain(turn).chain(targets).collect()
 }

@@ -93,7 +93,7 @@ fn follow(
     let estimator = options.method.into();
     let servo = SimulatedServo::start_observed(&mut world, &rig, timing, estimator, observers);
     let mut servo = servo.map_err(failed)?;
-    servo.set_pivot(file.pivot);
+    servo.set_pivot(file.estimated_pivot());
     let columns = row::columns(&file);
     let mut absences = Absences::new(&file.names);
     let mut line = StatusLine::new(options.json || options.csv);

@@ -310,7 +310,7 @@ fn other_rigs_get_visible_offsets() {
         rig: rig.clone(),
         stage: None,
         rotation: None,
-        pivot: Some(Pivot::Centroid),
+        pivot: Pivot::Centroid,
         trigger: None,
         laser: None,
         targets: Vec::new(),

@@ -104,7 +104,7 @@ impl Calibration {
             rig,
             stage: None,
             rotation: None,
-            pivot: Some(Pivot::Centroid),
+            pivot: Pivot::Centroid,
             trigger: None,
             laser: None,
             targets: Vec::new(),

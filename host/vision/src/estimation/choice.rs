@@ -60,14 +60,14 @@ impl Choice {
     /// ```
     /// use trinocular_rig::pivot::Pivot;
     /// use trinocular_rig::rig_file::RigFile;
-    /// use trinocular_vision::estimation::{Choice, Contradiction};
+    /// use trinocular_vision::estimation::{Choice, Contradiction, Rotation};
     ///
     /// let mut rig = RigFile::paper();
     /// let pivot = Some(Pivot::Place([0.0, 0.0, 850.0]));
     /// let choice = Choice { pivot, ..Choice::default() };
     /// assert_eq!(choice.rule(&rig)?.pivot, Pivot::Place([0.0, 0.0, 850.0]));
     ///
-    /// rig.pivot = None; // rotation = "refuse"
+    /// rig.rotation = Some(Rotation::Refuse);
     /// assert_eq!(choice.rule(&rig), Err(Contradiction::PivotAlone));
     /// # Ok::<(), Contradiction>(())
     /// ```
@@ -100,20 +100,20 @@ impl Choice {
     /// Adds what the rig file says about a target that turns.
     fn completed(self, rig: &RigFile) -> Self {
         let knows_none = self.method.is_some_and(Method::knows_no_rotation);
-        match (self.rotation, rig.pivot) {
+        match (self.rotation, rig.rotation) {
             (None, _) if knows_none => self,
-            (None, None) => Self {
+            (None, Some(Rotation::Refuse)) => Self {
                 rotation: Some(Rotation::Refuse),
                 ..self
             },
             // The defaults.
-            (None, Some(Pivot::Centroid)) if rig.rotation.is_none() => self,
-            (None | Some(Rotation::Estimate), Some(pivot)) => Self {
+            (None, None) if rig.pivot == Pivot::Centroid => self,
+            (None | Some(Rotation::Estimate), _) => Self {
                 rotation: Some(Rotation::Estimate),
-                pivot: self.pivot.or(Some(pivot)),
+                pivot: self.pivot.or(Some(rig.pivot)),
                 ..self
             },
-            _ => self,
+            (Some(Rotation::Refuse), _) => self,
         }
     }
 }
@@ -127,7 +127,7 @@ mod tests {
 
     fn turning(pivot: Pivot) -> RigFile {
         let mut rig = RigFile::paper();
-        rig.pivot = Some(pivot);
+        rig.pivot = pivot;
         rig
     }
 
@@ -161,7 +161,7 @@ mod tests {
         assert_eq!(midpoint.rule(&rig).unwrap().rotation_use(), Use::Warned);
         rig.rotation = Some(Rotation::Estimate);
         assert_eq!(midpoint.rule(&rig).unwrap().rotation_use(), Use::Demanded);
-        rig.pivot = None;
+        rig.rotation = Some(Rotation::Refuse);
         let rule = Choice::default().rule(&rig).unwrap();
         assert_eq!(rule.rotation_use(), Use::Refused);
     }

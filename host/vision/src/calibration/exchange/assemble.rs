@@ -82,7 +82,7 @@ pub fn assemble(members: &[Member]) -> Result<Assembled, InputError> {
         rig,
         stage,
         rotation: None,
-        pivot: Some(Pivot::Centroid),
+        pivot: Pivot::Centroid,
         trigger: None,
         laser: None,
         targets: Vec::new(),
