@@ -283,16 +283,9 @@ fn finish(
         residual.dot(&(weigh(&observation).0 * residual))
     });
     let count = observations.all.len();
-    let freedom = noise_freedom(geometry, count);
-    let variance = noise::variance(scale, freedom, squares.sum(), count);
+    let variance = noise::variance(geometry, scale, squares.sum(), count);
     let starts = observations.all.iter().map(Observation::start_mm);
     let start_mm = starts.sum::<Vector3<f64>>() / count as f64;
     let first = observations.first;
     Estimate::new(geometry, (first, start_mm), middle, solution, variance)
-}
-
-/// Returns the degrees of freedom of the noise's scale: those of the cameras' misfit at both
-/// instants.
-fn noise_freedom(geometry: &Geometry, points: usize) -> f64 {
-    (2 * points * (2 * geometry.cameras() - 3)) as f64
 }

@@ -101,13 +101,14 @@ impl Noise {
     }
 }
 
-/// Returns the variance of one normalised coordinate from the scale of the noise, which has
-/// `freedom` degrees of freedom, and from the weighted sum of squares of the residuals of `points`
-/// points.
+/// Returns the variance of one normalised coordinate from the scale of the noise, which has the
+/// degrees of freedom of the cameras' misfit at both instants, and from the weighted sum of squares
+/// of the residuals of `points` points.
 ///
 /// Both are pooled, unless the residual is larger by more than chance: noise that all cameras share
 /// does not show in the misfit, and then the residual alone counts.
-pub(super) fn variance(scale: f64, freedom: f64, squares: f64, points: usize) -> f64 {
+pub(super) fn variance(geometry: &Geometry, scale: f64, squares: f64, points: usize) -> f64 {
+    let freedom = (2 * points * (2 * geometry.cameras() - 3)) as f64;
     let rest = 3.0 * points as f64 - 6.0;
     let pooled = (scale * freedom + squares) / (freedom + rest);
     let chance = 1.0 + SIGNIFICANT * sqrt(2.0 / rest);

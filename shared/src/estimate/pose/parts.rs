@@ -7,9 +7,7 @@ use super::equation::{self, Equation, Weight};
 use super::noise;
 use super::normal::{Normal, Solution};
 use super::quarter_turn::{QuarterTurn, Turned};
-use super::{
-    Estimate, LEAST_POINTS, Noise, Observation, Refusal, first_pass, middle, noise_freedom,
-};
+use super::{Estimate, LEAST_POINTS, Noise, Observation, Refusal, first_pass, middle};
 use crate::sums::centred::Geometry;
 use nalgebra::Vector3;
 
@@ -19,7 +17,8 @@ pub struct Parts<'a> {
     geometry: &'a Geometry,
     first: QuarterTurn,
     middle: Vector3<f64>,
-    noise: Noise,
+    /// Scale of the noise, and the Cholesky factor of the rest.
+    noise: (f64, [[f64; 2]; 2]),
     /// First pass over all points; `None` for a target that does not turn.
     pass: Option<Solution>,
 }
@@ -53,7 +52,7 @@ impl<'a> Parts<'a> {
             geometry,
             first,
             middle,
-            noise,
+            noise: noise.factor(),
             pass: Some(pass),
         })
     }
@@ -70,7 +69,7 @@ impl<'a> Parts<'a> {
             geometry,
             first,
             middle: middle(&turned)?,
-            noise: Noise::of_turned(geometry, &turned),
+            noise: Noise::of_turned(geometry, &turned).factor(),
             pass: None,
         })
     }
@@ -88,9 +87,9 @@ impl<'a> Parts<'a> {
                 weight
             }
             Some(pass) => {
-                let (_, factor) = self.noise.factor();
+                let (_, factor) = &self.noise;
                 let derivatives =
-                    equation::noise(self.geometry, &observation, &self.middle, &factor);
+                    equation::noise(self.geometry, &observation, &self.middle, factor);
                 let weight = Weight::of_noise(&derivatives, pass)?;
                 sums.add(&equation, &weight, Some(&derivatives));
                 weight
@@ -120,14 +119,13 @@ impl<'a> Parts<'a> {
         for point in points.clone() {
             sums.join(&point.sums);
         }
-        let (scale, _) = self.noise.factor();
-        let solution = sums.solve(if self.pass.is_some() { scale } else { 0.0 })?;
+        let (scale, _) = self.noise;
+        let solution = sums.solve(scale)?;
         let squares = points.clone().map(|point| {
             let residual = point.equation.residual(&solution);
             residual.dot(&(point.weight.0 * residual))
         });
-        let freedom = noise_freedom(self.geometry, count);
-        let variance = noise::variance(scale, freedom, squares.sum(), count);
+        let variance = noise::variance(self.geometry, scale, squares.sum(), count);
         let start_mm = points.map(|point| point.start_mm).sum::<Vector3<f64>>() / count as f64;
         let first = self.first;
         Ok(Estimate::new(
