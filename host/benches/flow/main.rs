@@ -2,9 +2,9 @@
 //! whose true flow is known.
 //!
 //! `cargo run --release --manifest-path host/benches/flow/Cargo.toml [-- [turning] ROUNDS]`, where
-//! `turning` prints the last table alone. OpenCV takes part
-//! if `$PYTHON` (or `python3`) has `cv2`. All programs take turns, round by round, so that other
-//! load of the machine affects all of them alike. Compare the least times.
+//! `turning` prints the last table alone. OpenCV takes part if `$PYTHON` (or `python3`) has `cv2`.
+//! All programs take turns, round by round, so that other load of the machine affects all of them
+//! alike. Compare the least times.
 
 mod accuracy;
 mod bound;

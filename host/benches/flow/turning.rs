@@ -112,8 +112,8 @@ pub fn table(rounds: usize) {
         }
     }
     println!(
-        "\n| rotation: keyframe, 320 x 240, one thread | ms per frame set, median (least) | least / \
-         refused | points |"
+        "\n| rotation: keyframe, 320 x 240, one thread | ms per frame set, median (least) \
+         | least / refused | points |"
     );
     println!("|---|---|---|---|");
     let refused = times[0].least();

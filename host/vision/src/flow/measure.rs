@@ -236,12 +236,10 @@ impl Flow {
     ) -> Result<[f64; 3], FlowRefusal> {
         let hypotheses = search.hypotheses(keyframe.matches);
         let best_score = hypotheses.first().map_or(0.0, |h| h.score);
-        let coarsest = (self.temporal_level() - 1).max(finest);
-        let refine =
-            |displacement_mm| matcher.refine(keyframe.matches, displacement_mm, finest..=coarsest);
+        let levels = finest..=self.refined_level();
         let mut refined: Vec<RefinedDisplacement> = hypotheses
             .iter()
-            .filter_map(|h| refine(h.displacement_mm))
+            .filter_map(|h| matcher.refine(keyframe.matches, h.displacement_mm, levels.clone()))
             .collect();
         refined.sort_by(|a, b| b.zncc.total_cmp(&a.zncc));
         let Some(first) = refined.first() else {

@@ -311,6 +311,11 @@ impl Flow {
     fn temporal_level(&self) -> usize {
         level_at_most(self.geometry.rig.image_size_px[0] as usize, 120).max(1)
     }
+
+    /// Returns the level on which the displacement of the search is refined first.
+    fn refined_level(&self) -> usize {
+        (self.temporal_level() - 1).max(1)
+    }
 }
 
 /// Returns the first level on which an image `width_px` wide is at most `most_px` wide.

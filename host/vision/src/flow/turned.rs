@@ -210,11 +210,7 @@ impl Flow {
                 let planes = upright.into_iter().chain([(&rough.coarse, turned_back)]);
                 let motion = PosedCorners {
                     matcher,
-                    predictor: Predictor {
-                        geometry,
-                        pose: &measurement.pose,
-                        surface,
-                    },
+                    predictor: Predictor::new(geometry, surface, &measurement.pose),
                     searches: planes
                         .map(|(coarse, turned_back)| (self.search(keyframe, coarse), turned_back))
                         .collect(),
@@ -246,11 +242,7 @@ impl Flow {
         rough: &Estimate,
     ) -> Option<(usize, f64)> {
         let geometry = matcher.geometry;
-        let predictor = Predictor {
-            geometry,
-            pose: rough,
-            surface,
-        };
+        let predictor = Predictor::new(geometry, surface, rough);
         let track = |matched: &StereoMatch| predictor.track_per_camera(matcher, matched);
         let matches = keyframe.matches.iter().collect();
         let tracks = Tracks::of(keyframe, self.thread_pool.map(matches, track));

@@ -9,16 +9,43 @@ use trinocular_core::estimate::pose::{self, Estimate, Observation};
 /// Pose on which most points agree, and its inliers.
 pub(super) type RigidConsensus = Agreement<Estimate>;
 
-/// Finds the inliers of tracked points from the pose `start` on. Residuals up to `least_px` never make
-/// an outlier.
+/// Finds the inliers of tracked points from the pose `start` on. Residuals up to `least_px` never
+/// make an outlier.
 pub(super) fn rigid_consensus(
     geometry: &RigGeometry,
     points: &[Correspondence],
     start: Estimate,
     least_px: f64,
 ) -> Option<RigidConsensus> {
+    agreement(geometry, &observed(geometry, points), start, least_px)
+}
+
+/// Finds the inliers of tracked points as [`rigid_consensus`] does, without a start. A point off by
+/// more than `far_px` counts as simply wrong in its search.
+pub(super) fn from_nothing(
+    geometry: &RigGeometry,
+    points: &[Correspondence],
+    far_px: f64,
+    least_px: f64,
+) -> Option<RigidConsensus> {
+    let observed = observed(geometry, points);
+    let seen: Vec<Observation> = observed.iter().flatten().copied().collect();
+    let start = rigid::motion(&geometry.arms, &seen, far_px / geometry.focal_px)?;
+    agreement(geometry, &observed, start, least_px)
+}
+
+/// Returns what the estimator sees of the points; `None` for one behind the cameras.
+fn observed(geometry: &RigGeometry, points: &[Correspondence]) -> Vec<Option<Observation>> {
     let observe = |point: &Correspondence| Observation::new(&geometry.arms, &point.views);
-    let observed: Vec<Option<Observation>> = points.iter().map(observe).collect();
+    points.iter().map(observe).collect()
+}
+
+fn agreement(
+    geometry: &RigGeometry,
+    observed: &[Option<Observation>],
+    start: Estimate,
+    least_px: f64,
+) -> Option<RigidConsensus> {
     let residuals_px = |pose: &Estimate| -> Vec<f64> {
         let residuals = observed.iter().map(|observed| {
             let residual = observed.map(|o| residual_px(geometry, pose, &o));
@@ -44,20 +71,6 @@ pub(super) fn rigid_consensus(
         |inliers| pose::solve(&geometry.arms, &kept(inliers)).ok(),
         least_px,
     )
-}
-
-/// Finds the inliers of tracked points as [`rigid_consensus`] does, without a start. A
-/// point off by more than `far_px` counts as simply wrong in its search.
-pub(super) fn from_nothing(
-    geometry: &RigGeometry,
-    points: &[Correspondence],
-    far_px: f64,
-    least_px: f64,
-) -> Option<RigidConsensus> {
-    let observe = |point: &Correspondence| Observation::new(&geometry.arms, &point.views);
-    let observed: Vec<Observation> = points.iter().filter_map(observe).collect();
-    let start = rigid::motion(&geometry.arms, &observed, far_px / geometry.focal_px)?;
-    rigid_consensus(geometry, points, start, least_px)
 }
 
 /// Computes the residual of a point against a pose: root mean square over cameras and axes, px.

@@ -10,8 +10,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use trinocular_core::estimate::pose::Estimate;
 use trinocular_core::sums::View;
 
-/// Largest difference of two windows that counts as none, px at their border: a fiftieth of what
-/// noise of 2 grey levels does.
+/// Largest difference of two windows that counts as none, px at their border.
 const SAME_PX: f64 = 0.01;
 /// Number of windows of which one is compared.
 const SAMPLED: usize = 8;
@@ -97,7 +96,15 @@ pub(super) struct Predictor<'a> {
     pub surface: Surface,
 }
 
-impl Predictor<'_> {
+impl<'a> Predictor<'a> {
+    pub fn new(geometry: &'a RigGeometry, surface: Surface, pose: &'a Estimate) -> Self {
+        Self {
+            geometry,
+            pose,
+            surface,
+        }
+    }
+
     /// Tracks one point in all cameras with turned windows, and checks that the cameras see one
     /// point.
     pub fn track(
@@ -194,11 +201,7 @@ impl Predictor<'_> {
     /// Returns true if the pose `other` turns windows of the reference camera in the same way.
     pub fn turns_as(&self, other: &Estimate, matches: &[StereoMatch]) -> bool {
         let k = self.geometry.reference;
-        let other = Predictor {
-            geometry: self.geometry,
-            pose: other,
-            surface: self.surface,
-        };
+        let other = Predictor::new(self.geometry, self.surface, other);
         matches.iter().step_by(SAMPLED).all(|matched| {
             let anchor = Anchor::of(matched, k);
             let warp = |by: &Predictor<'_>| by.warp(k, &anchor, by.to(k, &anchor, anchor.pixel)?);

@@ -42,11 +42,7 @@ impl Flow {
         let mut pose = self.agreed_roughly(keyframe, matcher, surface, rough)?;
         let mut rounds = 0;
         loop {
-            let drawn = Predictor {
-                geometry,
-                pose: &pose,
-                surface,
-            };
+            let drawn = Predictor::new(geometry, surface, &pose);
             let (tracks, reasons) = self.tracked(keyframe, |matched| {
                 let point = drawn.track(matcher, matched)?;
                 self.unmasked(&keyframe.active.cameras, point)
@@ -96,23 +92,19 @@ impl Flow {
     ) -> Result<Estimate, FlowRefusal> {
         let geometry = matcher.geometry;
         let mut pose = *rough;
-        for level in (1..self.temporal_level().max(2)).rev() {
-            let drawn = Predictor {
-                geometry,
-                pose: &pose,
-                surface,
+        for level in (1..=self.refined_level()).rev() {
+            let drawn = Predictor::new(geometry, surface, &pose);
+            let Some((found, is_clear)) = self.agreed_at(level, keyframe, matcher, &drawn) else {
+                continue;
             };
-            match (level, self.agreed_at(level, keyframe, matcher, &drawn)) {
-                (1, Some((found, true))) => return Ok(found.model),
-                (1, _) | (_, None) => {}
-                (_, Some((found, _))) => pose = found.model,
+            // The finest level must be clear: full resolution decides otherwise.
+            if level > 1 {
+                pose = found.model;
+            } else if is_clear {
+                return Ok(found.model);
             }
         }
-        let drawn = Predictor {
-            geometry,
-            pose: &pose,
-            surface,
-        };
+        let drawn = Predictor::new(geometry, surface, &pose);
         let (tracks, _) = self.tracked(keyframe, |matched| drawn.track(matcher, matched))?;
         let found = rough_consensus(geometry, &tracks.points, 1.0);
         let found = found.ok_or_else(|| tracks.no_agreement(0, f64::NAN))?;
@@ -178,8 +170,8 @@ fn rough_consensus(
     consensus::from_nothing(geometry, points, far_px, inlier_px)
 }
 
-/// Returns true if nearly all of `count` points are inliers by the limit `least_px`: they are of one
-/// target, and not of a blend of two.
+/// Returns true if nearly all of `count` points are inliers by the limit `least_px`: they are of
+/// one target, and not of a blend of two.
 fn is_clear(found: &RigidConsensus, count: usize, least_px: f64) -> bool {
     found.limit_px() <= least_px && found.count() as f64 >= CLEAR * count as f64
 }

@@ -105,7 +105,7 @@ impl Flow {
         let coarse = ZnccPlane::new(&now[reference].coarse()[level - 1]);
         let search = self.search(keyframe, &coarse);
         // On finer levels, the rotations between those that are tried take points too far away.
-        let finest = (level - 1).max(1);
+        let finest = self.refined_level();
         let moved_mm = self.rough_displacement(keyframe, &matcher, &search, finest)?;
         Ok(RoughPose {
             pose: turned

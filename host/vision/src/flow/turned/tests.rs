@@ -70,8 +70,8 @@ fn sweep(axis: [f64; 3], angles_deg: &[f64], textures: u64) -> [f64; 6] {
     normalised.map(|sum| sum / count)
 }
 
-/// Images of more pixels show the same turn as a larger motion. The same jumps are found in them, and
-/// their errors are as small as they state.
+/// Images of more pixels show the same turn as a larger motion. The same jumps are found in them,
+/// and their errors are as small as they state.
 #[test]
 fn jumps_are_found_in_images_of_any_size() {
     for (times, largest_deg) in [(0.5, 0.3), (2.0, 0.02), (4.0, 0.01)] {
@@ -87,9 +87,15 @@ fn jumps_are_found_in_images_of_any_size() {
         let mut flow = Flow::new(&rig, FlowSettings::default()).unwrap();
         let keyframe = frame_set(&scene, [0.0; 3], [0.0; 3], 1);
         flow.set_keyframe(&keyframe).unwrap();
-        for (seed, turned) in [[1.0, -1.0, 0.7], [-6.0, 5.0, 11.0], [12.0, 0.0, -5.0]]
-            .into_iter()
-            .enumerate()
+        for (seed, turned) in [
+            [1.0, -1.0, 0.7],
+            [-6.0, 5.0, 11.0],
+            [12.0, 0.0, -5.0],
+            [0.0, 20.0, 0.0],
+            [0.0, 0.0, -20.0],
+        ]
+        .into_iter()
+        .enumerate()
         {
             let moved = [4.0, -3.0, 6.0];
             let now = frame_set(&scene, moved, turned, 2 + seed as u64);

@@ -92,7 +92,8 @@ impl<'a, const N: usize, const W: usize> Window<'a, N, W> {
 }
 
 /// Reads grey level and both derivatives of the interpolated image at the first `N` of a row of
-/// places, which must be 2 px within `plane`. Values beyond column `N` have no meaning.
+/// places, which must be 2 px within `plane`; what is outside counts as 0. Values beyond column `N`
+/// have no meaning.
 #[inline(always)]
 pub fn read_at<const N: usize, const W: usize>(
     plane: &Plane,
